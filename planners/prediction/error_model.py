@@ -7,6 +7,7 @@ import numpy as np
 
 from planners.capacity import require_nodes, require_samples
 from planners.prediction.map_places import spread_places
+from planners.prediction.nearest_samples import variance_from_nearest
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -19,6 +20,7 @@ from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 _N_NODES_ALONG = 30
 _LEAST_NODES = 200
 _MOST_SAMPLES = 2000
+_MOST_PLACES = 1_000_000
 # Places in a cell, in shares of it from its centre: no two in one row or column, so that swaths as far apart as
 # the cells are seen.
 _IN_CELL = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
@@ -152,16 +154,32 @@ class ErrorModel:
         (M,) ndarray
             Variance at the nodes [m²].
         """
-        least = _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
-        sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, least))
+        sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, self._least_noise_m))
         gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
         return gp.predict(self.nodes if at is None else at)[1]
 
-    def _variance_of(self, route: Route, most_samples: int, at: FloatArray | None = None) -> FloatArray:
-        """Return the variance at the nodes or other places; fewer, better samples stand for all where there would be too many."""
+    def _variance_of(self, route: Route, most_samples: int, at: FloatArray) -> FloatArray:
+        """Return the variance at places; fewer, better samples stand for all where there would be too many."""
         step = max(self.sample_step_m, route.length_m / most_samples)
-        noise = self.noise_m * float(np.sqrt(self.sample_step_m / step))
-        return self.variance(places(route, step), noise, at)
+        is_local = self._is_local(route, most_samples)
+        if is_local:
+            step = max(self.sample_step_m, 0.5 * self._apart_m(route), route.length_m / _MOST_PLACES)
+        xy, noise = places(route, step), self.noise_m * float(np.sqrt(self.sample_step_m / step))
+        if is_local:
+            return variance_from_nearest(self.kernel, xy, max(noise, self._least_noise_m), at)
+        return self.variance(xy, noise, at)
+
+    def _is_local(self, route: Route, most_samples: int) -> bool:
+        """Return whether so few samples would lie farther apart than the swaths: then those near a place predict it."""
+        return max(self.sample_step_m, route.length_m / most_samples) > self._apart_m(route)
+
+    def _apart_m(self, route: Route) -> float:
+        """Return how far lines as long as the route would be apart over the area [m]."""
+        return float(self.area.free.area) / max(route.length_m, 1e-9)
+
+    @property
+    def _least_noise_m(self) -> float:
+        return _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
 
     def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
         """Return the expected root-mean-square error over the area [m].
@@ -181,7 +199,8 @@ class ErrorModel:
         float
             Root of the mean variance over the nodes [m].
         """
-        return float(np.sqrt(self._variance_of(route, most_samples).mean()))
+        at = self.nodes[: _LEAST_NODES if self._is_local(route, most_samples) else None]
+        return float(np.sqrt(self._variance_of(route, most_samples, at).mean()))
 
     def error(self, route: Route) -> PredictedError:
         """Return the predicted error of a route, with its map.
@@ -213,7 +232,7 @@ class ErrorModel:
         std = np.sqrt(_means(of_cells, inside.reshape(len(cells), -1))).reshape(self.grid.shape)
         return PredictedError(
             Dem.on(self.grid, std),
-            float(np.sqrt(of_nodes.mean())),
+            self.rmse_m(route),
             float(np.sqrt(np.percentile(of_nodes, 95.0))),
             float(np.sqrt(variance.max())),
         )

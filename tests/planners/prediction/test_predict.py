@@ -91,6 +91,13 @@ def test_fewer_samples_stand_for_all_when_noise_is_averaged():
     assert model.rmse_m(route, 350) == pytest.approx(model.rmse_m(route), rel=0.02)
 
 
+def test_long_routes_are_predicted_from_the_samples_near_each_place():
+    route = plan(SITE, None, LawnmowerConfig(swaths=20))
+    model = ErrorModel.of(SITE, Matern32(30.0, 60.0), noise_m=0.1, sample_step_m=20.0)
+    # 150 samples of 12.6 km lie 84 m apart on swaths that are 30 m apart.
+    assert model.rmse_m(route, 150) == pytest.approx(model.rmse_m(route), rel=0.08)
+
+
 def test_few_good_samples_stand_for_many_on_long_routes():
     route = plan(SITE, None, LawnmowerConfig(swaths=6))
     few = ErrorModel.of(SITE, KERNEL, noise_m=0.3, sample_step_m=5.0)
