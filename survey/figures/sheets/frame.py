@@ -17,7 +17,9 @@ LEFT_IN, RIGHT_IN, BOTTOM_IN = 0.65, 0.55, 0.5
 _INCH_M = 0.0254
 _SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5, 10.0)
 _LINE_IN, _ROW_IN = 0.155, 0.148
-_LETTERS_PER_INCH = 15.5
+_LETTERS_PER_INCH, _FACT_LETTERS_PER_INCH = 15.5, 16.2
+_NAME_IN = 1.05
+"""Width of the names of facts."""
 
 
 class Column(NamedTuple):
@@ -95,15 +97,19 @@ class Page:
             self._text(LEFT_IN, self.top_in, line, size=7.8)
 
     def facts(self, rows: Sequence[tuple[str, str]]) -> None:
-        """Write names and values in two columns beside one another."""
+        """Write names and values in two columns beside one another; long values are broken into lines."""
         half = (len(rows) + 1) // 2
         wide = 0.5 * (WIDTH_IN - LEFT_IN - RIGHT_IN)
+        n_lines = [0, 0]
         for index, (name, value) in enumerate(rows):
-            left, row = LEFT_IN + wide * (index // half), index % half
-            place = self.top_in - _LINE_IN * (row + 1)
-            self._text(left, place, name, size=7.8, colour=MUTED)
-            self._text(left + 1.05, place, value, size=7.8)
-        self.top_in -= _LINE_IN * half
+            column = index // half
+            left, top = LEFT_IN + wide * column, self.top_in - _LINE_IN * (n_lines[column] + 1)
+            self._text(left, top, name, size=7.8, colour=MUTED)
+            lines = textwrap.wrap(value, int((wide - _NAME_IN) * _FACT_LETTERS_PER_INCH)) or [""]
+            for number, line in enumerate(lines):
+                self._text(left + _NAME_IN, top - _LINE_IN * number, line, size=7.8)
+            n_lines[column] += len(lines)
+        self.top_in -= _LINE_IN * max(n_lines)
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[str]]) -> int:
         """Write as many rows as there is room for; return how many those are."""

@@ -48,6 +48,10 @@ _SWATHS = (
 )
 
 
+_MOST_CORNERS = 250
+"""Corners that are listed, on some eight pages; an outline that was traced from images has thousands."""
+
+
 @styled
 def plan_sheets(content: PlanContent) -> list[Figure]:
     """Draw the sheets of a plan on A4 pages.
@@ -98,7 +102,7 @@ def pdf_bytes(figures: Sequence[Figure], title: str) -> bytes:
 
 
 def _overview(content: PlanContent) -> list[Page]:
-    """Return the first page, and further ones where the area has many corners."""
+    """Return the first page, and further ones for the corners of the area where they are worth a print."""
     route, area = content.route, content.area
     page = Page(content.title, f"Survey plan of {content.date}, made with firnline")
     scale = add_plan_map(page, content, route, 5.3)
@@ -122,7 +126,13 @@ def _overview(content: PlanContent) -> list[Page]:
     page.heading("Assumptions")
     for assumption in content.assumptions:
         page.paragraph(assumption, bullet="• ")
-    return _with_table(page, "Corners of the area", _CORNERS, _corner_rows(content), content)
+    rows, title = _corner_rows(content), "Corners of the area"
+    if len(rows) <= _MOST_CORNERS:
+        return _with_table(page, title, _CORNERS, rows, content)
+    pages = [page] if page.room_in > 0.8 else [page, Page(f"{content.title}: {title.lower()}", content.date)]
+    pages[-1].heading(title)
+    pages[-1].paragraph(f"{len(rows)} corners are too many for a table; the file of the area holds them.")
+    return pages
 
 
 def _deviation(content: PlanContent, std: Dem) -> Page:

@@ -74,6 +74,13 @@ def test_there_is_an_overview_a_prediction_and_a_sheet_for_each_rover():
     assert any(text.startswith("1 : 5") for text in words(figures[0]))
 
 
+def test_thousands_of_corners_are_counted_not_printed():
+    traced = SurveyArea(shapely.Point(526_300.0, 6_478_200.0).buffer(199.0, quad_segs=500), CRS)
+    figures = plan_sheets(replace(content(), area=traced))
+    assert len(figures) == 4
+    assert "2000 corners are too many for a table; the file of the area holds them." in words(figures[0])
+
+
 @pytest.mark.parametrize("n", [6, 90])
 def test_texts_neither_overlap_nor_leave_the_page(n):
     for figure in plan_sheets(content(n)):
@@ -90,8 +97,19 @@ def test_texts_neither_overlap_nor_leave_the_page(n):
             assert not covered, (a.get_text(), b.get_text())
 
 
-def test_tables_end_at_the_right_margin():
-    for figure in plan_sheets(content()):
+def _on_polar_ice() -> PlanContent:
+    """Return a plan whose title and CRS have long names."""
+    polar, made = "EPSG:3413", content()
+    area = SurveyArea(shapely.transform(AREA.polygon, lambda xy: xy - [820_000.0, 8_378_000.0]), polar)
+    moved = [Leg(leg.kind, leg.xy - [820_000.0, 8_378_000.0], leg.rover) for leg in made.route.legs]
+    route = Route(tuple(moved), polar, "lawnmower")
+    title = "RGI2000-v7.0-G-05_greenland_periphery_outlines"
+    return replace(made, title=title, area=area, route=route, terrain=None, std=None, left_out=())
+
+
+@pytest.mark.parametrize("made", [content(), _on_polar_ice()], ids=["short", "long"])
+def test_texts_end_at_the_right_margin(made):
+    for figure in plan_sheets(made):
         renderer = FigureCanvasAgg(figure).get_renderer()
         margin = figure.bbox.x1 * (1.0 - RIGHT_IN / WIDTH_IN)
         beyond = [t.get_text() for t in figure.texts if t.get_window_extent(renderer).x1 > margin + 1.0]
