@@ -40,7 +40,8 @@ def summary(command: Any) -> str:
 
 def command_page(name: str, command: Any) -> str:
     """Return the page of a command: description, examples, arguments and options."""
-    text, _, examples = str(command.help).partition("For example:")
+    # The mark that keeps an example on one line on a terminal.
+    text, _, examples = str(command.help).replace("\b", "").partition("For example:")
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [p for p in command.params if p.param_type_name == "option"]
     words = [argument_word(argument) for argument in arguments]

@@ -24,6 +24,7 @@ from sim.cli.commands import (
 )
 from sim.cli.desk import desk
 from sim.cli.guide import doctor, example, schema, topics
+from sim.cli.guide.examples_in_help import help_of
 from sim.cli.guide.version import options
 from sim.cli.live import download, rover, upload, watch
 from sim.cli.outcome import run_guarded
@@ -71,9 +72,9 @@ for command in (
     example.example,
     schema.schema,
 ):
-    app.command()(command)
+    app.command(help=help_of(command))(command)
 app.command("examples", hidden=True)(example.example)
-app.command("help")(topics.help_)
+app.command("help", help=help_of(topics.help_))(topics.help_)
 
 
 def main() -> None:

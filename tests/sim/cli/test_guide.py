@@ -97,3 +97,13 @@ def test_a_dry_run_of_a_mission_names_its_folder_and_stages():
     assert "  to do              plan, simulate, localize, reconstruct, score, report" in out
     assert not Path("runs").exists()
     assert run("run", "mine.toml", "--set", "planner.swathes=3", "--dry-run", code=4).stderr
+
+
+def test_examples_in_help_stand_on_one_line_each():
+    """A pasted example of two lines would be two commands."""
+    for command in app.registered_commands:
+        name = command.name or command.callback.__name__
+        written = [line.strip() for line in command.callback.__doc__.splitlines()]
+        shown = [line.strip() for line in run(name, "--help").stdout.splitlines()]
+        for example in (line for line in written if line.startswith("firnline ")):
+            assert example in shown

@@ -1,0 +1,29 @@
+"""Examples in the help of commands, each kept on one line so that it works when it is pasted."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+# click neither joins nor breaks the lines of a paragraph that begins with this mark.
+_KEPT = "\b"
+
+
+def help_of(command: Callable[..., Any]) -> str:
+    """Return the docstring of a command as its help, with examples that are not broken at the terminal's width.
+
+    Parameters
+    ----------
+    command : callable
+        With a docstring whose examples are paragraphs that begin with ``firnline``.
+
+    Returns
+    -------
+    str
+        The help.
+    """
+    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
+    return "\n\n".join(_KEPT + "\n" + one if _is_example(one) else one for one in paragraphs)
+
+
+def _is_example(paragraph: str) -> bool:
+    return paragraph.startswith("  firnline ") and "\n" not in paragraph
