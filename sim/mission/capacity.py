@@ -7,6 +7,7 @@ reconstruction methods stand in `planners.capacity` and `survey.reconstruction.c
 import math
 
 from planners.capacity import require_cells
+from planners.driving.rover import Crew, homes_of
 from sim.config.mission import MissionConfig
 from sim.config.scene import LARGEST_STEP_M
 from sim.config.sensors import InstrumentConfig
@@ -41,7 +42,7 @@ MOST_SAMPLE_CELLS = 20_000_000
 
 
 def require_mission(mission: MissionConfig) -> World:
-    """Refuse a mission that would not fit into memory, before its first stage, and return its world.
+    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world.
 
     Parameters
     ----------
@@ -57,9 +58,12 @@ def require_mission(mission: MissionConfig) -> World:
     ------
     CapacityError
         Names the setting and a value that would pass.
+    InputError
+        Starts that do not fit the fleet.
     """
     require_terrain(mission)
     world = build_world(mission)
+    homes_of(world.area, Crew(mission.rover, mission.fleet))
     require_survey(mission, world.area.bounds)
     return world
 

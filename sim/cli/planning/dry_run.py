@@ -19,13 +19,17 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
     from survey.core.map_scale import ground_area_m2
     from survey.core.quantity_text import area_text
 
-    pattern = "chosen for the guarantee" if request.season is None else "chosen for the season"
+    pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
     if request.require is None and request.season is None:
         from sim.cli.planning.area import checked_options
 
         config = checked_options(request)
         pattern = f"{config.planner.pattern}, {config.fleet.rovers} rover{'s' * (config.fleet.rovers > 1)}"
     area, prior = request.read_area()
+    if config is not None:
+        from planners.driving.rover import Crew, homes_of
+
+        homes_of(area, Crew(config.rover, config.fleet))
     facts = {
         "area": f"{request.source}, {area_text(ground_area_m2(area.crs, area.polygon))}, {area.crs.name}",
         "pattern": pattern,

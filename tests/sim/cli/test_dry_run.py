@@ -103,6 +103,8 @@ def test_every_command_that_writes_has_a_dry_run() -> None:
         "reconstruct landmarks.csv",
         "score map.tif --checkpoints nowhere.csv",
         "localize nowhere",
+        "plan site.geojson --swaths 6 --rovers 2",
+        "run mission.toml --set fleet.rovers=2",
     ],
 )
 def test_a_dry_run_refuses_what_the_command_refuses(
