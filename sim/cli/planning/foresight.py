@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from sim.mission.foresight import PredictedSurvey
 
 _MOST_FURTHER = 6
+_ROUGHER = (
+    "relief that the prior's cells do not show, beyond reconstruction.gp.nugget_m (0.15 m by default); on rough ground it "
+    "is the larger error: firnline plan AREA --prior RASTER --require counts it, firnline rehearse tries it"
+)
 
 
 def print_options_of(mission: MissionConfig, limit_m: float, probability: float, *, as_json: bool) -> None:
@@ -30,6 +34,7 @@ def print_options_of(mission: MissionConfig, limit_m: float, probability: float,
         typer.echo(json.dumps({"limit_m": limit_m, "ways": [way._asdict() for way in options]}, indent=2))
         return
     _print_options(best, options)
+    typer.echo(fact_line("not included", _ROUGHER))
 
 
 def plan_joint(request: PlanRequest) -> None:

@@ -94,7 +94,9 @@ def test_the_command_prints_the_survey_with_the_least_to_drive(capsys):
     site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
     asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     print_options_of(asked, 10.0, 0.5, as_json=False)
-    assert capsys.readouterr().out.startswith("least to drive: 2 swaths: ")
+    printed = capsys.readouterr().out
+    assert printed.startswith("least to drive: 2 swaths: ")
+    assert "not included       relief that the prior's cells do not show" in printed
 
 
 def test_the_command_ends_with_5_where_no_survey_is_enough(capsys, monkeypatch):
