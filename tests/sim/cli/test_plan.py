@@ -73,7 +73,7 @@ def test_limits_rovers_and_settings_reach_the_plan():
 
 def test_a_prior_too_coarse_to_predict_from_still_plans():
     grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 100.0, CRS)
-    Dem.on(grid, np.add.outer(grid.x, grid.y) * 0.01).write("coarse.tif")
+    Dem.on(grid, np.add.outer(grid.x, grid.y) * 1e-4).write("coarse.tif")
     SurveyArea(SITE.buffer(-40.0), CRS).write("small.gpkg")
     out, err = planned("small.gpkg", "--prior", "coarse.tif", "--swaths", "3")
     assert "no error is predicted: 1 known cells" in err
