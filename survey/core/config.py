@@ -198,7 +198,8 @@ def _sentence(error: ValidationError, model: type[BaseModel], where: str) -> str
         hint = f"did you mean {near[0]}?" if near and near[0] != path[-1] else "remove it."
         return f"{where}: the key {key} is not known; {hint}"
     found = "" if first["type"] == "missing" or not key else f" (found {first['input']!r})"
-    more = f"; {error.error_count() - 1} more settings are wrong" if error.error_count() > 1 else ""
+    n_more = error.error_count() - 1
+    more = {0: "", 1: "; 1 more setting is wrong"}.get(n_more, f"; {n_more} more settings are wrong")
     message = first["msg"].removeprefix("Value error, ").rstrip(".")
     place = f"{where}: {key}" if key else where
     return f"{place}: {message[:1].lower() + message[1:]}{found}{more}; correct it."

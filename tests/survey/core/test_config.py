@@ -32,6 +32,13 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_floats():
     assert built.inner.spacing_m == 3.0
 
 
+def test_the_number_of_other_wrong_settings_is_stated():
+    with pytest.raises(ConfigError, match=r"; 1 more setting is wrong; correct it"):
+        validated(Outer, {"count": "3", "corner": "x"}, "m.toml")
+    with pytest.raises(ConfigError, match=r"; 2 more settings are wrong; correct it"):
+        validated(Outer, {"count": "3", "corner": "x", "inner": {"spacing_m": "y"}}, "m.toml")
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_not_finite_is_refused(value):
     with pytest.raises(ConfigError):
