@@ -15,8 +15,8 @@ def departures(legs: Sequence[Leg], mobility: Mobility, separation_m: float) -> 
     """Return how long each rover waits at its depot so that rovers keep apart on the way [s].
 
     Rovers depart in the order of their numbers, each as early, in steps of ten seconds, as
-    it stays `separation_m` away from all before it; within that distance of its own depot
-    it is not watched, so that rovers may share one.
+    it stays `separation_m` away from all before it. While one of two rovers is within twice that
+    distance of its own depot, they may be nearer, so that rovers can share a depot.
 
     Parameters
     ----------

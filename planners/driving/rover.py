@@ -48,7 +48,8 @@ class Fleet(Section):
     end_m: tuple[float, float] | None = None
     """Where a single rover has to finish, easting and northing in the area's CRS [m]."""
     separation_m: PositiveFloat | None = None
-    """Distance that rovers keep from one another by departing later [m]; not watched when left out."""
+    """Distance that rovers keep from one another by departing later [m], but within twice this distance of a depot; none when
+    left out."""
 
     @model_validator(mode="after")
     def _one_end(self) -> Self:
