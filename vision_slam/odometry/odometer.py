@@ -82,7 +82,18 @@ class VisualOdometry(DataObject):
         return (*lens, *wheels, repeated) if self.n_repeated else (*lens, *wheels)
 
     def mounting_note(self, camera: Camera) -> str | None:
-        """Return a note where the landmarks lie on a side of the camera on which its mounting has no ground."""
+        """Return a note where the landmarks lie on a side of the camera on which its mounting has no ground.
+
+        Parameters
+        ----------
+        camera : Camera
+            Calibration and mounting.
+
+        Returns
+        -------
+        str or None
+            A sentence; none where landmarks and mounting agree, or where too few landmarks show a plane.
+        """
         place_m = camera.T_body_camera[:3, 3] if self.lever_arm_m is None else 0.0
         return mounting_note(self.sightings.offset - place_m, camera.T_body_camera)
 
