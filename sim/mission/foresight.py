@@ -32,6 +32,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.families import KernelFamily
 from survey.reconstruction.gp.selection.families import likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointSolution
@@ -41,6 +42,8 @@ _BEYOND_M = 60.0
 _STEP_M = 5.0
 _UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
 _N_LEAST = 9
+# From smooth to rough: that of ground which is rougher than a squared exponential falls slowly with the number of swaths.
+_FAMILIES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 # Patterns whose number of swaths can be varied, with everything else fixed before the drive.
 _SIZED = (planners.LawnmowerConfig, planners.WavyConfig)
 # Where the search for a number of swaths begins.
@@ -261,7 +264,7 @@ def _planned(mission: MissionConfig, world: World) -> Route:
 def _covariance_of(
     prior: Dem, bounds: tuple[float, float, float, float], sigma_m: float, nugget_m: float
 ) -> GaussianProcessConfig:
-    """Read the likeliest smooth covariance about a plane from the cells, whose own error is no terrain."""
+    """Read the likeliest covariance about a plane from the cells, whose own error is no terrain."""
     xy, height = prior.xy, prior.elevation.ravel()
     near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)
     if near.sum() < _N_LEAST:
@@ -270,11 +273,13 @@ def _covariance_of(
         )
     columns = np.column_stack([np.ones(int(near.sum())), xy[near] - xy[near].mean(axis=0)])
     rest = height[near] - columns @ np.linalg.lstsq(columns, height[near], rcond=None)[0]
-    asked = GaussianProcessConfig(family="squared-exponential", nugget_m=0.0)
-    kernel = likeliest(xy[near], rest, np.full(len(rest), sigma_m**2), asked).kernel
-    return GaussianProcessConfig(
-        fit=False, variance_m2=kernel.variance_m2, length_scale_m=kernel.length_scales_m[0], nugget_m=nugget_m
-    )
+    noise_m2 = np.full(len(rest), sigma_m**2)
+    fitted = [
+        likeliest(xy[near], rest, noise_m2, GaussianProcessConfig(family=family, nugget_m=0.0))
+        for family in _FAMILIES
+    ]
+    kernel = max(fitted, key=lambda found: found.score).kernel
+    return GaussianProcessConfig(fit=False, kernel=kernel, nugget_m=nugget_m)
 
 
 def _read_beyond(prior: Dem, bounds: tuple[float, float, float, float]) -> Dem:
