@@ -11,9 +11,8 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.families import KernelFamily
 from survey.reconstruction.gp.covariance.stationary import Kernel
-from survey.reconstruction.gp.selection.families import likeliest
+from survey.reconstruction.gp.selection.families import SMOOTH_TO_ROUGH, likeliest
 
 _LEAST_CELLS = 9
 _LEAST_ABOUT = 36
@@ -21,7 +20,6 @@ _LEAST_ABOUT = 36
 _MOST_CELLS = 10_000
 _N_GROUPS = 5
 _OFFSETS = np.array([0, 1, 3, 9])
-_FAMILIES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 
 
 def predict_error(
@@ -136,10 +134,8 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     if near.sum() > _MOST_CELLS and some.sum() > _LEAST_CELLS**2:
         near = some
     noise = np.full(int(near.sum()), 1e-4 * float(np.var(height[near])) + 1e-4)
-    fitted = [
-        likeliest(xy[near], height[near], noise, GaussianProcessConfig(family=family)) for family in _FAMILIES
-    ]
-    return max(fitted, key=lambda found: found.score).kernel
+    found = likeliest(xy[near], height[near], noise, GaussianProcessConfig(), candidates=SMOOTH_TO_ROUGH)
+    return found.kernel
 
 
 def _about(area: SurveyArea, prior: Dem) -> BoolArray:

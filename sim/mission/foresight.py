@@ -32,8 +32,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.families import KernelFamily
-from survey.reconstruction.gp.selection.families import likeliest
+from survey.reconstruction.gp.selection.families import SMOOTH_TO_ROUGH, likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointSolution
 
@@ -42,8 +41,6 @@ _BEYOND_M = 60.0
 _STEP_M = 5.0
 _UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
 _N_LEAST = 9
-# From smooth to rough: that of ground which is rougher than a squared exponential falls slowly with the number of swaths.
-_FAMILIES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 # Patterns whose number of swaths can be varied, with everything else fixed before the drive.
 _SIZED = (planners.LawnmowerConfig, planners.WavyConfig)
 # Where the search for a number of swaths begins.
@@ -247,7 +244,7 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     sigma_m = joint.satellite.sigma_m or _UNSTATED_SIGMA_M
     nugget_m = mission.reconstruction.gp.nugget_m
     nugget_m = _UNSTATED_NUGGET_M if nugget_m is None else nugget_m
-    config = _covariance_of(world.prior, world.area.bounds, sigma_m, nugget_m)
+    config = covariance_of_cells(world.prior, world.area.bounds, sigma_m, nugget_m)
     stated = joint.satellite.model_copy(update={"sigma_m": sigma_m})
     prior = world.prior if mission.reconstruction.use_prior else None
     model = JointTerrain(path.error, prior, config, joint.model_copy(update={"satellite": stated}))
@@ -261,10 +258,30 @@ def _planned(mission: MissionConfig, world: World) -> Route:
     return with_way_home(route, world.area) if mission.aids.way_home else route
 
 
-def _covariance_of(
+def covariance_of_cells(
     prior: Dem, bounds: tuple[float, float, float, float], sigma_m: float, nugget_m: float
 ) -> GaussianProcessConfig:
-    """Read the likeliest covariance about a plane from the cells, whose own error is no terrain."""
+    """Fit the likeliest covariance about a plane to the cells of a prior.
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse elevations.
+    bounds : (4,) sequence of float
+        The cells within are used [m].
+    sigma_m, nugget_m : float
+        Standard deviation of a cell, which is no relief, and of relief that the cells do not show [m].
+
+    Returns
+    -------
+    GaussianProcessConfig
+        With the kernel and the nugget; nothing of it is fitted again.
+
+    Raises
+    ------
+    InputError
+        Fewer than nine known cells.
+    """
     xy, height = prior.xy, prior.elevation.ravel()
     near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)
     if near.sum() < _N_LEAST:
@@ -274,12 +291,9 @@ def _covariance_of(
     columns = np.column_stack([np.ones(int(near.sum())), xy[near] - xy[near].mean(axis=0)])
     rest = height[near] - columns @ np.linalg.lstsq(columns, height[near], rcond=None)[0]
     noise_m2 = np.full(len(rest), sigma_m**2)
-    fitted = [
-        likeliest(xy[near], rest, noise_m2, GaussianProcessConfig(family=family, nugget_m=0.0))
-        for family in _FAMILIES
-    ]
-    kernel = max(fitted, key=lambda found: found.score).kernel
-    return GaussianProcessConfig(fit=False, kernel=kernel, nugget_m=nugget_m)
+    wanted = GaussianProcessConfig(nugget_m=0.0)
+    found = likeliest(xy[near], rest, noise_m2, wanted, candidates=SMOOTH_TO_ROUGH)
+    return GaussianProcessConfig(fit=False, kernel=found.kernel, nugget_m=nugget_m)
 
 
 def _read_beyond(prior: Dem, bounds: tuple[float, float, float, float]) -> Dem:

@@ -1,11 +1,11 @@
-"""Examples in the help of commands, each kept on one line so that it works when it is pasted."""
+"""Examples in the help of commands, each on one line, so that it can be pasted."""
 
 import inspect
 from collections.abc import Callable
 from typing import Any
 
 # click neither joins nor breaks the lines of a paragraph that begins with this mark.
-_KEPT = "\b"
+_UNBROKEN = "\b"
 
 
 def help_of(command: Callable[..., Any]) -> str:
@@ -22,7 +22,7 @@ def help_of(command: Callable[..., Any]) -> str:
         The help.
     """
     paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
-    return "\n\n".join(_KEPT + "\n" + one if _is_example(one) else one for one in paragraphs)
+    return "\n\n".join(_UNBROKEN + "\n" + one if _is_example(one) else one for one in paragraphs)
 
 
 def _is_example(paragraph: str) -> bool:

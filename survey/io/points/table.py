@@ -23,7 +23,7 @@ _SAME_PLACE_M = 0.01
 class PointTable(NamedTuple):
     """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them.
 
-    ``is_ground`` (N,) tells points of the ground from others by their classes; None where all are of the ground.
+    ``is_ground`` (N,) is true for points of the ground, by their classes; None where all are of the ground.
     """
 
     columns: dict[str, FloatArray]

@@ -106,7 +106,7 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     -------
     TextTable
         The cells. Numbers have decimal commas where cells are not separated by commas and a number has one;
-        `NumberMarks` tells how thousands are separated.
+        `NumberMarks` has the separator of thousands.
 
     Raises
     ------

@@ -28,7 +28,7 @@ class NumberMarks(NamedTuple):
 
     @classmethod
     def among(cls, cells: Iterable[str], *, has_commas: bool) -> "NumberMarks":
-        """Return the marks of a table by its cells; `has_commas` tells that commas separate no cells.
+        """Return the marks of a table by its cells; `has_commas` is true where commas do not separate cells.
 
         Examples
         --------

@@ -9,7 +9,7 @@ from planners import RandomWanderConfig
 from sim.cli.planning.foresight import print_options_of
 from sim.config.ice import IceAssumptions, IceConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig
-from sim.mission.foresight import _covariance_of, cheapest, predicted_survey, surveys_within
+from sim.mission.foresight import cheapest, covariance_of_cells, predicted_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.terrain.random_terrain import random_dem
@@ -117,5 +117,5 @@ def test_the_command_ends_with_5_where_no_survey_is_enough(capsys, monkeypatch):
 def test_rough_cells_are_not_taken_for_smooth_ground(family, expected):
     grid = Grid((0.0, 0.0, 1000.0, 1000.0), 40.0, "EPSG:32608")
     cells = random_dem(family, grid, np.random.default_rng(3), relief_m=60.0, length_scale_m=150.0)
-    found = _covariance_of(cells, grid.bounds, sigma_m=1.0, nugget_m=0.15)
+    found = covariance_of_cells(cells, grid.bounds, sigma_m=1.0, nugget_m=0.15)
     assert found.stated_kernel().family.startswith(expected)

@@ -16,6 +16,8 @@ from survey.reconstruction.gp.selection.kernel_fit import (
 
 CANDIDATES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
 """What ``family = "auto"`` chooses from."""
+SMOOTH_TO_ROUGH: tuple[KernelFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+"""Candidates for cells of a prior, which show one scale: the error on rough ground falls slowly with the number of swaths."""
 
 # Least longest scale over the extent of the points, where a landform scale is wanted.
 _LANDFORM_SHARE = 0.08

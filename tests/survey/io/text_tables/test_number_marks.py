@@ -1,4 +1,4 @@
-"""Separators of thousands and decimal marks are told apart by the table, or a number is refused."""
+"""A table shows its decimal mark and its separator of thousands; numbers of which it does not are refused."""
 
 from pathlib import Path
 
