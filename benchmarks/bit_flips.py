@@ -18,7 +18,7 @@ import numpy as np
 
 import survey
 from benchmarks.small_inputs import STUDY
-from sim.cli.progress import logged_to
+from firnline.cli.progress import logged_to
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission

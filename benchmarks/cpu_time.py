@@ -82,7 +82,7 @@ def _ratio(what: str, today_s: float, before_s: float) -> Iterator[Row]:
 def _demo_s(code: Code, demo: str, runs: Path, loops: Path) -> float:
     """Return the CPU time of a demo with its report [s]."""
     runs.mkdir(exist_ok=True)
-    command = ("-m", "sim.cli.main", "run", str(code.root / "examples" / demo), "--quiet")
+    command = ("-m", "firnline.cli.main", "run", str(code.root / "examples" / demo), "--quiet")
     spent, exit_code = _measured(code, command, runs, loops)
     if exit_code:
         raise SystemExit(f"the demo {demo} ended with exit code {exit_code}; run it alone to see why.")

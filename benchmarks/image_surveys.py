@@ -125,7 +125,7 @@ def _simulated(mission: Path, runs: Path, settings: tuple[str, ...]) -> Path:
     found = sorted(runs.glob("*/latest/2-simulate/drive.json"))
     if not found:
         chosen = [word for text in settings for word in ("--set", text)]
-        command = [sys.executable, "-m", "sim.cli.main", "simulate", str(mission), "--runs", str(runs)]
+        command = [sys.executable, "-m", "firnline.cli.main", "simulate", str(mission), "--runs", str(runs)]
         subprocess.run([*command, *chosen], check=True, capture_output=True, stdin=subprocess.DEVNULL)
         found = sorted(runs.glob("*/latest/2-simulate/drive.json"))
     return found[0].parents[1]

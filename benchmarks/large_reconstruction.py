@@ -77,7 +77,7 @@ def _write_points(terrain: Dem, file: Path) -> None:
 
 def _reconstructed(place: Path) -> str:
     """Run the command, and return what it wrote to stderr."""
-    command = [sys.executable, "-m", "sim.cli.main", "reconstruct", str(place / "points.ply")]
+    command = [sys.executable, "-m", "firnline.cli.main", "reconstruct", str(place / "points.ply")]
     options = ["--crs", CRS, "--grid", str(STEP_M), "-o", str(place / "map")]
     done = subprocess.run([*command, *options], check=True, capture_output=True, text=True)
     return done.stderr

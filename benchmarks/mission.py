@@ -38,7 +38,7 @@ def _help_cpu_s() -> float:
     spent = []
     for _ in range(5):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-m", "sim.cli.main", "--help"], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-m", "firnline.cli.main", "--help"], check=True, capture_output=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     return min(spent)
@@ -46,7 +46,17 @@ def _help_cpu_s() -> float:
 
 def _demo() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as runs:
-        command = [sys.executable, "-m", "sim.cli.main", "run", str(EXAMPLE), "--runs", runs, "-q", "--json"]
+        command = [
+            sys.executable,
+            "-m",
+            "firnline.cli.main",
+            "run",
+            str(EXAMPLE),
+            "--runs",
+            runs,
+            "-q",
+            "--json",
+        ]
         began = time.perf_counter()
         content = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
         whole_s = time.perf_counter() - began

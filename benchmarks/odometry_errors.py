@@ -81,7 +81,15 @@ def simulated_drive(seed: int, drives: Path) -> Path:
     """Return the folder of a drive's recording and of what was real; render where that was not done before."""
     made = drives / str(seed) / "glacier-drive" / "latest" / "2-simulate"
     if not (made / "recording" / "recording.json").exists():
-        command = [sys.executable, "-m", "sim.cli.main", "simulate", str(MISSION), "--set", f"seed={seed}"]
+        command = [
+            sys.executable,
+            "-m",
+            "firnline.cli.main",
+            "simulate",
+            str(MISSION),
+            "--set",
+            f"seed={seed}",
+        ]
         command += ["--runs", str(drives / str(seed))]
         subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
     return made

@@ -179,7 +179,16 @@ def run_once(mission: Path, runs: Path, settings: Sequence[str]) -> tuple[Path, 
     kept = runs / "cost.json"
     if not kept.exists():
         words = [word for text in settings for word in ("--set", text)]
-        command = [sys.executable, "-m", "sim.cli.main", "run", str(mission), "--runs", str(runs), "--fresh"]
+        command = [
+            sys.executable,
+            "-m",
+            "firnline.cli.main",
+            "run",
+            str(mission),
+            "--runs",
+            str(runs),
+            "--fresh",
+        ]
         began = time.monotonic()
         with subprocess.Popen(
             [*command, "--workers", "2", "-q", *words], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL

@@ -154,7 +154,7 @@ def _folder(seed: int, settings: tuple[str, ...] = ()) -> Path:
     made = runs / "glacier-drive" / "latest" / "2-simulate"
     if not (made / "recording" / "recording.json").exists():
         chosen = [word for text in (f"seed={seed}", *settings) for word in ("--set", text)]
-        program = [sys.executable, "-m", "sim.cli.main", "simulate"]
+        program = [sys.executable, "-m", "firnline.cli.main", "simulate"]
         command = [*program, str(MISSION), "--runs", str(runs), *chosen]
         subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
     return made

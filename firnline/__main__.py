@@ -12,7 +12,7 @@ def main() -> None:
         sys.stderr.write(foreign + "\n")
         raise SystemExit(1)
     try:
-        from sim.cli.main import main as run
+        from firnline.cli.main import main as run
 
         run()
     except KeyboardInterrupt:

@@ -50,7 +50,7 @@ def _in_child(case: Case, folder: Path) -> None:
             target = os.open(folder.parent / name, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
             os.dup2(target, number)
         sys.argv = ["firnline", *case.args]
-        from sim.cli.main import main
+        from firnline.cli.main import main
 
         try:
             main()
@@ -211,7 +211,7 @@ def all_cases() -> list[Case]:
 
 def _warm_up() -> None:
     """Run commands on good input, so that a forked child finds everything imported."""
-    from sim.cli.main import app
+    from firnline.cli.main import app
 
     with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
         GOOD(Path(place))

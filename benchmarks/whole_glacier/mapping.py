@@ -56,7 +56,7 @@ def control_file(made: MadeSurvey, folder: Path) -> Path:
 def command(files: list[Path], out: Path, *options: str) -> list[str]:
     """Return the command that maps files in tiles."""
     return [
-        *(sys.executable, "-m", "sim.cli.main", "reconstruct", *map(str, files)),
+        *(sys.executable, "-m", "firnline.cli.main", "reconstruct", *map(str, files)),
         *("--tiles", "--quiet", "--out", str(out), *options),
     ]
 

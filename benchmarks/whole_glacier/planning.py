@@ -31,7 +31,7 @@ def planned(folder: Path) -> Iterator[Row]:
     for name, options in _PLANS.items():
         out = folder / f"{len(list(folder.iterdir()))}.geojson"
         arguments = ["plan", str(area), "--prior", str(prior), *options, "--out", str(out)]
-        used = used_by([sys.executable, "-m", "sim.cli.main", *arguments])
+        used = used_by([sys.executable, "-m", "firnline.cli.main", *arguments])
         yield Row.of(f"100 km², {name}: CPU time", used.cpu_s, "s", "<=", _MOST_S)
         yield Row.of(f"100 km², {name}: memory", used.memory_mb, "MB", "<=", _MOST_MB)
 

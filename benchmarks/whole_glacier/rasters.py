@@ -86,7 +86,7 @@ def _commands(epochs: tuple[Path, Path], folder: Path, shape: tuple[int, int]) -
 
 
 def _firnline(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "sim.cli.main", *map(str, arguments)]
+    return [sys.executable, "-m", "firnline.cli.main", *map(str, arguments)]
 
 
 def made_map(file: Path, side: int, seed: int) -> Path:

@@ -7,9 +7,9 @@ from desk.jobs.job import Job
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlanner
 from desk.plan.request import command_of, requirement_request
+from firnline.cli.planning.guarantee import refusal_text, requirement_of
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.result import Guarantee
-from sim.cli.planning.guarantee import refusal_text, requirement_of
 from survey.core.errors import ConfigError, InputError
 from survey.core.quantity_text import length_text
 

@@ -8,8 +8,8 @@ from typing import Any
 from desk.jobs.job import CancelledError, Job
 from desk.runs.camera import watched_frames
 from desk.runs.growth import growing_maps
-from sim.cli.mission_file import best_class, summary
-from sim.cli.progress import logged_to
+from firnline.cli.mission_file import best_class, summary
+from firnline.cli.progress import logged_to
 from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission

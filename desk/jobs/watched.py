@@ -10,9 +10,9 @@ from pyproj import CRS
 
 from desk.jobs.job import Job
 from desk.runs.layers import layers_of
+from firnline.cli.live.watch_lines import text_of
 from live.watch.log import entered, watch_of
 from live.watch.survey_watch import SurveyWatch
-from sim.cli.live.watch_lines import text_of
 from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem

@@ -6,10 +6,10 @@ from typing import Any
 
 from desk.measured.files import SIGMA_M, read_checkpoints
 from desk.runs.layers import map_layers
-from sim.cli.mapping.inputs import map_request
-from sim.cli.mapping.options import ReconstructOptions
-from sim.cli.mapping.outputs import write_map
-from sim.cli.mapping.points import map_points
+from firnline.cli.mapping.inputs import map_request
+from firnline.cli.mapping.options import ReconstructOptions
+from firnline.cli.mapping.outputs import write_map
+from firnline.cli.mapping.points import map_points
 from survey.core.arrays import Progress
 from survey.core.quantity_text import round_number
 from survey.data.area import SurveyArea

@@ -14,8 +14,8 @@ from desk.plan.live import LivePlan
 from desk.plan.mission_files import write_mission
 from desk.plan.point_files import write_points
 from desk.plan.request import request_of
-from sim.cli.planning.outputs import write_plan as write_outputs
-from sim.cli.rasters import read_about
+from firnline.cli.planning.outputs import write_plan as write_outputs
+from firnline.cli.rasters import read_about
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.route import Route

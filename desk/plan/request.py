@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from desk.plan.document import PlanDocument, Setting
-from sim.cli.planning.request import PlanRequest
+from firnline.cli.planning.request import PlanRequest
 
 _OPTIONS = {
     "pattern": "pattern",

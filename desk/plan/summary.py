@@ -7,8 +7,8 @@ from shapely import Polygon
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
 from desk.plan.request import command_of
+from firnline.cli.planning.outputs import fact_texts
 from planners.swaths.counting import swaths_text
-from sim.cli.planning.outputs import fact_texts
 
 
 def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sim.cli.mission_file import best_class
+from firnline.cli.mission_file import best_class
 from survey.core.config import read_toml
 from survey.core.documents import read_json
 from survey.core.errors import FirnlineError, InputError

@@ -72,7 +72,7 @@ def _next(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, A
     from desk.measured.files import SIGMA_M
     from desk.measured.next_swath import proposed_swath
     from desk.plan.request import requirement_request
-    from sim.cli.planning.guarantee import requirement_of
+    from firnline.cli.planning.guarantee import requirement_of
     from survey.data.route import Route
     from survey.data.surface_points import SurfacePoints
 

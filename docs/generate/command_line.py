@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import typer
 
+from firnline.cli.main import app
 from generate.tables import block, code, table, toctree
-from sim.cli.main import app
 
 
 def pages() -> dict[str, str]:

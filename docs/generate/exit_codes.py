@@ -1,7 +1,7 @@
 """Reference of exit codes, from the topic of the command line and the classes of errors."""
 
+from firnline.cli.guide.topics import _EXIT_CODES
 from generate.tables import code, table
-from sim.cli.guide.topics import _EXIT_CODES
 from survey.core import errors
 
 _HEAD = """\

@@ -5,8 +5,8 @@ import pytest
 
 from desk.demo import write_demo
 from desk.sources import open_workspace
-from sim.cli.mission_file import run_until
-from sim.cli.options import RunOptions
+from firnline.cli.mission_file import run_until
+from firnline.cli.options import RunOptions
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

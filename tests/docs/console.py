@@ -8,7 +8,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 
 
 @dataclass

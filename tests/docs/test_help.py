@@ -6,7 +6,7 @@ import shlex
 import pytest
 import typer
 
-from sim.cli.main import app
+from firnline.cli.main import app
 
 COMMANDS = typer.main.get_command(app).commands
 EXAMPLES = sorted(

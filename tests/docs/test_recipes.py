@@ -22,7 +22,7 @@ PRELUDE = """
 import sys
 from firnline import MissionConfig
 from typer.testing import CliRunner
-from sim.cli.main import app
+from firnline.cli.main import app
 
 def command(*words):
     done = CliRunner().invoke(app, words)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.cli.main import app
+from firnline.cli.main import app
 from tests.docs.console import Entry, Shell, entries
 from tests.docs.scratch import make_scratch
 from tests.docs.scratch_drives import make_drives

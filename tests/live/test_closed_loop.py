@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from firnline.cli.main import app
 from live.link.address import LinkAddress
 from live.link.vehicle import Vehicle
 from live.mission.autopilot_mission import AutopilotMission
@@ -15,7 +16,6 @@ from live.watch.log import entered, heading_of, legs_as_lists, line_of, replayed
 from live.watch.survey_watch import SurveyWatch
 from live.watch.telemetry import TelemetryReader, buffered_entries, telemetry_entries
 from planners.guarantee.adaptive_state import AdaptiveConfig
-from sim.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
 from survey.data.legs import Leg
 from survey.interchange.surroundings import Surroundings

@@ -13,7 +13,7 @@ from pyproj import CRS
 from typer.testing import CliRunner
 
 from benchmarks.bad_input.good import DEM_MISSION, MISSION, UTM, hills
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey import Dem, Grid, SurveyArea
 from survey.io.vector import write_features
 

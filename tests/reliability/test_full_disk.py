@@ -11,7 +11,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from benchmarks.small_inputs import IDEAL_MISSION
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey.core.runs.store import STAGES
 
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
 from benchmarks.whole_glacier.kills import workers_of
-from sim.cli.main import app
+from firnline.cli.main import app
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import run_study
@@ -29,7 +29,7 @@ STUDY = (
     + SMALL_STUDY.replace("trials = 3", "trials = {trials}").replace("[2]", "[2, 3]")
     + SECOND_PATTERN
 )
-MONTECARLO = (sys.executable, "-m", "sim.cli.main", "montecarlo", "s.toml", "--runs", "runs", "-q")
+MONTECARLO = (sys.executable, "-m", "firnline.cli.main", "montecarlo", "s.toml", "--runs", "runs", "-q")
 TABLES = ("trials.parquet", "trials.csv", "summary.csv", "minimum_swaths.csv", "index.html")
 
 

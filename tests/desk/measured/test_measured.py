@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey.data.dem import Dem
 from tests.desk.conftest import SOUTH, WEST, hills
 from tests.desk.jobs.test_jobs import edit, events_of

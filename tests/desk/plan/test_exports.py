@@ -12,7 +12,7 @@ from desk.plan.document import PlanDocument
 from desk.plan.exports import KINDS, PlanExport
 from desk.plan.live import LivePlanner
 from desk.plan.request import command_of
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from tests.desk.conftest import SOUTH, SQUARE, WEST

@@ -10,7 +10,7 @@ import planners
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlanner
 from desk.plan.request import command_of
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey.data.dem import Dem
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 

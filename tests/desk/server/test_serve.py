@@ -14,7 +14,7 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[3]
 

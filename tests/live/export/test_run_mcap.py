@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from benchmarks.small_inputs import IDEAL_MISSION
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey import Route, SurfacePoints
 from survey.core.runs.store import RunFolder
 from survey.data.trajectory import Trajectory

@@ -9,8 +9,8 @@ import pytest
 from pymavlink.dialects.v20 import common
 from typer.testing import CliRunner
 
+from firnline.cli.main import app
 from live.logs.autopilot_log import read_autopilot_log
-from sim.cli.main import app
 from survey.core.errors import InputError
 
 N = 40

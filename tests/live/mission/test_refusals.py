@@ -9,6 +9,7 @@ import pytest
 import shapely
 from typer.testing import CliRunner
 
+from firnline.cli.main import app
 from live.link.address import LinkAddress
 from live.mission.autopilot_mission import AutopilotMission
 from live.mission.download import downloaded_route
@@ -16,7 +17,6 @@ from live.mission.items import FENCE
 from live.mission.limits import require_storable
 from live.mission.upload import upload
 from live.rover.radio import Radio
-from sim.cli.main import app
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.legs import Leg

@@ -11,6 +11,7 @@ import pytest
 import shapely
 from typer.testing import CliRunner
 
+from firnline.cli.main import app
 from live.link.address import LinkAddress
 from live.link.vehicle import Vehicle
 from live.mission.autopilot_mission import AutopilotMission
@@ -18,7 +19,6 @@ from live.mission.items import FENCE, MISSION, first_difference
 from live.mission.limits import require_storable
 from live.mission.transfer import fetch_items
 from live.mission.upload import upload
-from sim.cli.main import app
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.legs import Leg

@@ -8,6 +8,7 @@ import pytest
 import rasterio
 from typer.testing import CliRunner
 
+from firnline.cli.main import app
 from live.watch.growing_file import file_entries
 from live.watch.log import heading_of, line_of, replayed, watch_of
 from live.watch.progress import LegProgress
@@ -15,7 +16,6 @@ from live.watch.sample import Sample, SampleGate
 from live.watch.survey_watch import SurveyWatch
 from live.watch.warnings import RoverWarnings
 from planners.guarantee.adaptive_state import AdaptiveConfig
-from sim.cli.main import app
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.legs import Leg

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firnline.cli.planning.guarantee import refusal_text
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.swath_search import SwathSearch
-from sim.cli.planning.guarantee import refusal_text
 from survey import Dem, Grid
 from survey.core.errors import InputError
 from survey.core.streams import stream

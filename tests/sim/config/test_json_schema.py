@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.toml"))

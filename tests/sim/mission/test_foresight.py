@@ -5,8 +5,8 @@ import pytest
 import shapely
 import typer
 
+from firnline.cli.planning.foresight import print_options_of
 from planners import RandomWanderConfig
-from sim.cli.planning.foresight import print_options_of
 from sim.config.ice import IceAssumptions, IceConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, covariance_of_cells, predicted_survey, surveys_within

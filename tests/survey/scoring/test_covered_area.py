@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import survey
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey import Dem, Grid, SurveyArea
 from survey.reporting.summary_text import verdict_sentence
 from survey.scoring import Checkpoints, Score, compare, score_at

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera

@@ -6,7 +6,7 @@ import pytest
 import tomlkit
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 from sim.config.mission import MissionConfig
 from sim.mission.rehearsal.runs import DRAWN_LOSS, drawn_mission, outcomes, rehearse, summarized
 from survey.core.config import validated

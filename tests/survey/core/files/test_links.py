@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sim.cli.outputs import refuse_existing
+from firnline.cli.outputs import refuse_existing
 from survey.core.files.links import resolved
 
 

@@ -9,7 +9,7 @@ import shapely
 from typer.testing import CliRunner
 
 from benchmarks.change_worlds import World, exponential_field, landlab_pair, model_pair, raster_pair
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey import Dem, Grid, InputError, Reconstruction
 from survey.core.map_scale import ground_area_m2
 from survey.io.vector import write_features

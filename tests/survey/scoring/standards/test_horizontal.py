@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sim.cli.main import app
+from firnline.cli.main import app
 from survey import Dem, Grid, InputError
 from survey.reporting.statements import statement
 from survey.scoring import Checkpoints, compare, score_at

@@ -1,0 +1,34 @@
+"""Logs of autopilots for ``firnline localize``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from firnline.cli.live.options import needs_live_extra
+
+if TYPE_CHECKING:
+    from vision_slam.recorded_drive import RecordedDrive
+
+LOG_ENDINGS = (".bin", ".tlog", ".ulg")
+
+
+def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
+    """Open the log of an autopilot as a recording.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        Ends in one of `LOG_ENDINGS`.
+    crs : str, optional
+        Projected CRS.
+
+    Returns
+    -------
+    RecordedDrive
+        With fixes, wheels and inertial readings, as far as the log has them.
+    """
+    from vision_slam.recorded_drive import RecordedDrive
+
+    with needs_live_extra():
+        from live.logs.autopilot_log import read_autopilot_log
+
+        return RecordedDrive(*read_autopilot_log(source, crs))

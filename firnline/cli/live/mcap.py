@@ -1,0 +1,28 @@
+"""MCAP files for ``firnline export``."""
+
+from pathlib import Path
+
+import typer
+
+from firnline.cli.live.options import needs_live_extra
+
+
+def export_mcap(source: Path, out: Path) -> None:
+    """Write the MCAP file of a run, or of a survey that was watched.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        Run folder, or log of ``firnline watch``.
+    out : pathlib.Path
+        Ends in ``.mcap``.
+    """
+    from survey.core.runs.store import RunFolder
+
+    with needs_live_extra():
+        from live.export.drive_mcap import write_drive_mcap
+        from live.export.run_mcap import write_run_mcap
+
+        is_run = source.is_dir()
+        counts = write_run_mcap(RunFolder.find(source), out) if is_run else write_drive_mcap(source, out)
+    typer.echo(f"{out} written: " + ", ".join(f"{topic} {n}" for topic, n in counts.items()))
