@@ -38,7 +38,7 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/vulture
-	$(BIN)/codespell firnline survey planners vision_slam sim live desk tests benchmarks docs README.md
+	$(BIN)/codespell firnline survey planners vision_slam sim live desk papers tests benchmarks docs README.md
 	.ci/page.sh
 
 types: $(VENV)/.ready

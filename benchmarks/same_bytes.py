@@ -61,7 +61,7 @@ def make(checkout: Path, part: str, place: Path) -> Made:
 def commit(checkout: Path) -> str:
     """Return the commit of a checkout, which has to hold no changes of product code."""
     git = ("git", "-C", str(checkout))
-    products = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "examples")
+    products = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers", "examples")
     changed = subprocess.run(
         [*git, "status", "--porcelain", "--", *products], check=True, capture_output=True, text=True
     ).stdout

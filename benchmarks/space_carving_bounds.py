@@ -22,7 +22,7 @@ from scipy.ndimage import distance_transform_edt, grey_opening
 from scipy.spatial import cKDTree
 
 from benchmarks.report import Row, fastest, main
-from sim.studies.carving.world import CRS, HALF_M, TERRAINS, ScanTrial
+from papers.carving.world import CRS, HALF_M, TERRAINS, ScanTrial
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig

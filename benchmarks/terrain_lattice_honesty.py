@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import generic_filter
 
 from benchmarks.report import Row
-from sim.studies.emap.world import EmapRun, sine_hills
+from papers.emap.world import EmapRun, sine_hills
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -14,10 +14,11 @@ from matplotlib.patches import FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {
-    "firnline": ("public", (0.0, 7.5, 2.5, 0.65)),
+    "firnline": ("public", (0.0, 8.6, 2.5, 0.65)),
+    "papers": ("figures and tables", (0.0, 7.2, 2.5, 1.2)),
     "desk": ("page to draw a plan", (6.5, 7.5, 5.5, 1.2)),
     "live": ("surveys while driven", (2.8, 7.5, 3.4, 1.75)),
-    "sim": ("worlds, sensors, missions, commands", (0.0, 5.0, 12.0, 1.75)),
+    "sim": ("worlds, sensors, missions", (0.0, 5.0, 12.0, 1.75)),
     "planners": ("routes", (0.0, 2.5, 5.5, 1.75)),
     "vision_slam": ("localization", (6.5, 2.5, 5.5, 1.75)),
     "survey": ("data types, formats, maps, scores, figures", (0.0, 0.0, 12.0, 1.75)),
@@ -25,6 +26,7 @@ PACKAGES = {
 """Purpose of each package, and left, bottom, width and height of its box."""
 COLOURS = {
     "firnline": "#f3e3c3",
+    "papers": "#f3e3c3",
     "desk": "#f3e3c3",
     "live": "#f3e3c3",
     "sim": "#d9e6f2",
@@ -32,7 +34,16 @@ COLOURS = {
     "vision_slam": "#dcebdc",
     "survey": "#e6e9ec",
 }
-PER_ROW = {"desk": 4, "live": 2, "sim": 5, "survey": 5, "planners": 4, "vision_slam": 4}
+PER_ROW = {
+    "firnline": 1,
+    "papers": 3,
+    "desk": 4,
+    "live": 2,
+    "sim": 5,
+    "survey": 5,
+    "planners": 4,
+    "vision_slam": 4,
+}
 INK = "#1d2a35"
 
 
@@ -93,7 +104,7 @@ def draw_arrow(axes: Axes, graph: grimp.ImportGraph, upper: str, lower: str, x: 
     """Draw an arrow from a package to the one that it imports from."""
     top, bottom = PACKAGES[upper][1][1], sum(PACKAGES[lower][1][1::2])
     axes.annotate("", (x, bottom), (x, top), arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.0})
-    words = "when used" if upper == "firnline" else f"{n_importing(graph, upper, lower)} modules"
+    words = f"{n_importing(graph, upper, lower)} modules"
     axes.text(x + 0.12, bottom + 0.4, words, va="center", fontsize=8.0, color=INK)
 
 
@@ -107,7 +118,7 @@ def draw() -> Figure:
     for package in PACKAGES:
         draw_package(axes, graph, package)
     for upper, lower, x in (
-        ("firnline", "sim", 1.0),
+        ("papers", "sim", 1.0),
         ("live", "sim", 4.3),
         ("desk", "sim", 9.0),
         ("sim", "planners", 2.0),

@@ -4,7 +4,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGES = ("survey", "planners", "vision_slam", "sim", "live", "desk")
+PACKAGES = ("survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 
 
 def foreign_package() -> str | None:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from numpydoc.validate import validate
 from pydantic import BaseModel
 
-PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk")
+PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 EXPORTING = (
     *PACKAGES,
     "survey.terrain",

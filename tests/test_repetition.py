@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (
-    "firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "benchmarks", "docs", "examples", "tests",
+    "firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers", "benchmarks", "docs", "examples", "tests",
 )  # fmt: skip
 N_LINES = 6
 

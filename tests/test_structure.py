@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk")
+PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 MOST_FILES = 15
 FILE_P90, FILE_P90_WITH_DOCSTRINGS = 220, 250
 FUNCTION_P90 = 17

@@ -22,7 +22,7 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
 
 
 def test_every_file_beside_the_modules_is_in_the_wheel(names: set[str]) -> None:
-    packages = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk")
+    packages = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
     beside = {
         str(file.relative_to(ROOT))
         for package in packages
@@ -44,5 +44,5 @@ def test_the_examples_and_the_licence_are_in_the_wheel(names: set[str]) -> None:
 def test_nothing_else_lies_at_the_top_of_the_wheel(names: set[str]) -> None:
     top = {name.split("/")[0] for name in names}
     assert {name for name in top if not name.endswith(".dist-info")} == {
-        "firnline", "survey", "planners", "vision_slam", "sim", "live", "desk",
+        "firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers",
     }  # fmt: skip

@@ -8,9 +8,9 @@ import numpy as np
 import planners
 from benchmarks.report import Row, fastest
 from live.watch.live_map import LiveMap
+from papers.glacier.joint_cases import CASES, CRS, KERNEL
+from papers.glacier.joint_map import mission_of
 from sim.simulate.statistical import simulate_statistical
-from sim.studies.glacier.joint_cases import CASES, CRS, KERNEL
-from sim.studies.glacier.joint_map import mission_of
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid

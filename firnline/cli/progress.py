@@ -137,7 +137,7 @@ def logged_to(path: Path, verbose: int) -> Iterator[None]:
     handlers[-1].setLevel(logging.DEBUG if verbose else logging.WARNING)
     loggers = [
         logging.getLogger(name)
-        for name in ("survey", "planners", "vision_slam", "sim", "live", "desk", "firnline")
+        for name in ("survey", "planners", "vision_slam", "sim", "live", "desk", "papers", "firnline")
     ]
     for logger in loggers:
         logger.setLevel(logging.DEBUG)

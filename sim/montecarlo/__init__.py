@@ -1,4 +1,4 @@
 """Monte Carlo studies over random DEMs: trials, blocks, summary, report.
 
-Studies that reproduce the papers live in `sim.studies`.
+Studies that reproduce the papers live in `papers`.
 """

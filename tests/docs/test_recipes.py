@@ -17,7 +17,7 @@ from tests.docs.recipes.sensor import SENSOR
 
 ROOT = Path(__file__).parents[2]
 RECIPES = (PLANNER, METHOD, SENSOR, ROUTE_FORMAT, KERNEL)
-PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk")
+PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 PRELUDE = """
 import sys
 from firnline import MissionConfig

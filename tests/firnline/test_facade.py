@@ -15,7 +15,7 @@ import pytest
 import firnline
 
 ROOT = Path(__file__).resolve().parents[2]
-OWN = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk")
+OWN = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 NAMES = [name for name in firnline.__all__ if name != "__version__"]
 
 

@@ -41,7 +41,7 @@ def reproduce(
 
       firnline reproduce all --out /tmp/results --quick
     """
-    from sim.studies import STUDIES
+    from papers.studies import STUDIES
     from survey.core.errors import InputError
 
     if list_all:
@@ -61,7 +61,7 @@ def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> NoReturn:
     """Check the folders, and print which studies would be made."""
     from firnline.cli.facts import end_dry_run
     from firnline.cli.outputs import refuse_existing
-    from sim.studies import study
+    from papers.studies import study
 
     if name == "all":
         end_dry_run([out / each for each in _left(out, quick=quick, force=force)])
@@ -72,8 +72,8 @@ def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> NoReturn:
 
 def _left(out: Path, *, quick: bool, force: bool) -> list[str]:
     """Return the studies that are not complete, all of them with `force`."""
-    from sim.studies import STUDIES
-    from sim.studies.study_cache import is_complete
+    from papers.studies import STUDIES
+    from papers.study_cache import is_complete
 
     return [name for name in STUDIES if force or not is_complete(out / name, quick=quick)]
 
@@ -82,8 +82,8 @@ def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -
     """Make one study beside its folder and exchange the two."""
     from firnline.cli.outputs import refuse_existing
     from firnline.cli.progress import counted
-    from sim.studies import study
-    from sim.studies.study_cache import replacing_study
+    from papers.studies import study
+    from papers.study_cache import replacing_study
 
     make = study(name)
     refuse_existing([out / name], force=force, own=("*",))
@@ -115,7 +115,7 @@ def _reproduce_all(out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
 
 def _announce(left: list[str], out: Path, *, quick: bool) -> None:
     """Print how many studies will be made, and which of them take long."""
-    from sim.studies import LONG, STUDIES
+    from papers.studies import LONG, STUDIES
 
     typer.echo(f"{len(left)} of {len(STUDIES)} studies to make in {out}; the others are complete")
     for name in () if quick else left:

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from sim import studies
+from papers import studies
 
 CHEAP = ("glacier-tables", "carving-fig3")
 
