@@ -17,9 +17,8 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.volume import quadrature
-from survey.scoring.change.change import change
-from survey.scoring.change.models import change_of_models
-from survey.scoring.change.results import VolumeChange
+from survey.scoring.change.difference import change, change_of_models
+from survey.scoring.change.volume_change import VolumeChange
 
 UTM = "EPSG:32608"
 

@@ -19,5 +19,5 @@ from survey.data.truth import Truth as Truth
 from survey.reconstruction.base import Reconstruction as Reconstruction
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.mapping import reconstruct as reconstruct
-from survey.scoring.score import Score as Score
-from survey.scoring.score import score as score
+from survey.scoring.scores import Score as Score
+from survey.scoring.scores import score as score

@@ -15,7 +15,7 @@ from survey.core.quantity_text import round_number
 from survey.data.area import SurveyArea
 from survey.reconstruction.base import Reconstruction
 from survey.scoring import compare, score_at
-from survey.scoring.standards.certificate import own_claim
+from survey.scoring.standards.map_classes import own_claim
 
 _NODES_ALONG = 150.0
 _STANDARD = "asprs-edition-2"

@@ -18,7 +18,7 @@ from survey.io.points.formats import READ_ENDINGS as POINTS
 from survey.io.points.formats import WRITERS as POINT_WRITERS
 from survey.io.pose_files import TUM_COLUMNS
 from survey.io.text_tables.usual_names import SPELLINGS
-from survey.scoring.change.change_files import TABLE_COLUMNS as CHANGE
+from survey.scoring.change.files import TABLE_COLUMNS as CHANGE
 
 _HEAD = """\
 # File formats

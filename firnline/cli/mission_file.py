@@ -107,7 +107,7 @@ def _driven(folder: Path) -> dict[str, Any]:
 def _own_claim(folder: Path) -> list[str]:
     """Return what the map states of itself: the check by points left out, and its classes."""
     from survey.reconstruction.base import ELEVATION, Reconstruction
-    from survey.scoring.standards.certificate import own_claim
+    from survey.scoring.standards.map_classes import own_claim
 
     result = Reconstruction.read(folder)
     return own_claim(result) if result.quantity == ELEVATION else []

@@ -24,20 +24,15 @@ from survey.core.config import validated
 from survey.core.documents import read_json
 from survey.core.runs.store import RunFolder
 from survey.data.truth import Truth
-from survey.figures.cartography.layout import (
-    MapFigure,
-    add_colour_bar,
-    grouped,
-    map_figure,
-)
-from survey.figures.cartography.relief import (
+from survey.figures.errors import height_error
+from survey.figures.layout import MapFigure, add_colour_bar, grouped, map_figure
+from survey.figures.map_layers import (
+    draw_area,
     draw_raster,
     draw_terrain,
     elevation_limits,
     relief_exaggeration,
 )
-from survey.figures.cartography.routes import draw_area
-from survey.figures.errors import height_error
 from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, styled, symmetric_limits
 
 SEEDS = (71, 72, 73, 74, 75)

@@ -17,14 +17,14 @@ from survey.core.arrays import FloatArray
 from survey.core.files.writing import replacing
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.figures.cartography.layout import add_colour_bar, map_figure
-from survey.figures.cartography.relief import (
+from survey.figures.layout import add_colour_bar, map_figure
+from survey.figures.map_layers import (
+    draw_area,
     draw_raster,
     draw_terrain,
     elevation_limits,
     relief_exaggeration,
 )
-from survey.figures.cartography.routes import draw_area
 from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, MUTED, png_bytes, styled, symmetric_limits
 from survey.reconstruction import Reconstruction
 from survey.scoring import Coverage

@@ -12,9 +12,8 @@ from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths
 from survey.core.files.writing import replacing
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
-from survey.reporting.picture import Picture, picture_of
 from survey.reporting.quantities import number, percent
-from survey.reporting.rendering import rendered
+from survey.reporting.rendering import Picture, picture_of, rendered
 from survey.scoring.standards.map_classes import map_classes
 
 _DASHES = ("-", (0, (4, 1.5)), ":", (0, (6, 1, 1, 1)))

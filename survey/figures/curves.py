@@ -14,7 +14,7 @@ from survey.data.dem import Dem
 from survey.data.legs import Leg
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
-from survey.figures.cartography.routes import along
+from survey.figures.map_layers import along
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, PRIOR, REFERENCE, styled
 from survey.reconstruction.base import Reconstruction
 

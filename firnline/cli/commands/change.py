@@ -14,8 +14,8 @@ from firnline.cli.scoring.change_request import OUTPUTS, ChangeRequest
 if TYPE_CHECKING:
     from survey import Dem, Reconstruction
     from survey.scoring.change.along_flow import Thickness
-    from survey.scoring.change.results import Change
-    from survey.scoring.motion.displacements import DisplacementField
+    from survey.scoring.change.displacements import DisplacementField
+    from survey.scoring.change.volume_change import Change
 
 
 @with_exit_codes
@@ -36,9 +36,9 @@ def change(request: ChangeRequest) -> None:
     import json
 
     from survey.core.files.replacing import replacing_folder
-    from survey.figures.change import change_map
+    from survey.figures.maps import change_map
     from survey.figures.style import png_bytes
-    from survey.scoring.change.change_files import change_facts, write_change
+    from survey.scoring.change.files import change_facts, write_change
 
     request.check()
     if request.dry_run:
@@ -63,7 +63,7 @@ def _end_dry_run(request: ChangeRequest) -> NoReturn:
     """Read surveys and outlines, and print what would be compared."""
     from firnline.cli.scoring.surveys import surveys_of
     from survey import Dem
-    from survey.scoring.change.outlines import read_outlines
+    from survey.scoring.change.files import read_outlines
 
     writes = [request.out, *([] if request.report is None else [request.report])]
     surveys = {"later": request.later, "earlier": request.earlier}
@@ -84,8 +84,8 @@ def _write_report(
     facts: dict[str, Any],
 ) -> None:
     from firnline.cli.scoring.output import today
-    from survey.reporting.accuracy.change import change_report
-    from survey.reporting.accuracy.parts import ReportSetting
+    from survey.reporting.accuracy import ReportSetting
+    from survey.reporting.change import change_report
     from survey.reporting.document import write_document
 
     roles = ("Later survey", "Earlier survey", "Outlines", "Unchanged ground from")
@@ -100,8 +100,8 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
 
     from firnline.cli.scoring.surveys import surveys_of
     from survey import Dem
-    from survey.scoring.change.change import change as compare
-    from survey.scoring.change.outlines import read_outlines
+    from survey.scoring.change.difference import change as compare
+    from survey.scoring.change.files import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request.later, request.earlier, request.outline, request.step_m)
@@ -147,8 +147,8 @@ def _models_compared(
     from survey import Grid
     from survey.core.errors import InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.scoring.change.models import change_of_models
-    from survey.scoring.change.outlines import read_outlines
+    from survey.scoring.change.difference import change_of_models
+    from survey.scoring.change.files import read_outlines
 
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)

@@ -86,7 +86,7 @@ def _draw(result: survey.Reconstruction, out: Path) -> None:
 def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
     """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
     from survey.figures import png_bytes
-    from survey.figures.bounds import width_map
+    from survey.figures.maps import width_map
     from survey.reconstruction.line_of_sight.steep_ground import steep_ground
 
     if result.lower is None or result.upper is None:
@@ -119,7 +119,7 @@ def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
 
 def _print_findings(result: survey.Reconstruction) -> None:
     """Print the check by points left out, the classes by the map's claim, and what is to be known of the input."""
-    from survey.scoring.standards.certificate import own_claim
+    from survey.scoring.standards.map_classes import own_claim
 
     for sentence in own_claim(result) if result.quantity == ELEVATION else beyond_sentences(result):
         typer.echo(fact_line("map", sentence))

@@ -148,7 +148,7 @@ def _facts(job: TiledJob) -> dict[str, str]:
 
 def _draw(result: TiledResult, out: Path) -> None:
     from survey.figures import png_bytes
-    from survey.figures.checks.withheld import withheld_plot
+    from survey.figures.calibration import withheld_plot
 
     figure = withheld_plot(result.test.reliability, result.coverage.share, result.coverage.bounds)
     (out / "withheld.png").write_bytes(png_bytes(figure))

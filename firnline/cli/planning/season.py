@@ -127,7 +127,7 @@ def _write(
     """Write route, map, table and errors; all replace what was there, or none does."""
     from survey import figures
     from survey.core.files.replacing import replacing_files
-    from survey.figures.season import season_plot
+    from survey.figures.plans import season_plot
 
     drawing = drawing_of(area, prior)
     chart = figures.plan_map(area, design.route, terrain=drawing.terrain)

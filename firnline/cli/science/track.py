@@ -12,7 +12,7 @@ from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
-    from survey.scoring.motion.tracking import TrackedMotion
+    from survey.scoring.change.tracking import TrackedMotion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,7 @@ def track(request: TrackRequest) -> None:
     from firnline.cli.outputs import refuse_existing
     from survey.core.map_scale import MapScale
     from survey.data.dem import Dem
-    from survey.scoring.motion.tracked_file import write_tracked
-    from survey.scoring.motion.tracking import check_pair, track
+    from survey.scoring.change.tracking import check_pair, track, write_tracked
 
     refuse_existing([request.out], force=request.force, inputs=(request.earlier, request.later))
     earlier, later = Dem.read(request.earlier), Dem.read(request.later)

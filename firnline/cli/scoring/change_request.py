@@ -103,8 +103,8 @@ class ChangeRequest:
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
         if self.report is None:
             return
-        from survey.reporting.document.writing import OUTPUTS as REPORT_OUTPUTS
-        from survey.reporting.document.writing import check_target
+        from survey.reporting.document import OUTPUTS as REPORT_OUTPUTS
+        from survey.reporting.document import check_target
 
         own = () if check_target(self.report).suffix else REPORT_OUTPUTS
         refuse_existing([self.report], force=self.force, inputs=inputs, own=own)

@@ -103,8 +103,7 @@ def _write_report(
     area: "SurveyArea | None",
     classes: Classes,
 ) -> None:
-    from survey.reporting.accuracy.checkpoints import checkpoint_report
-    from survey.reporting.accuracy.parts import ReportSetting
+    from survey.reporting.accuracy import ReportSetting, checkpoint_report
 
     inputs = {
         "Map": request.source.name,

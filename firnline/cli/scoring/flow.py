@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from survey import Dem
     from survey.scoring.change.along_flow import Thickness
-    from survey.scoring.motion.displacements import DisplacementField
+    from survey.scoring.change.displacements import DisplacementField
 
 TRACKED = "track"
 """Value of the option by which the surveys themselves are tracked."""
@@ -26,8 +26,8 @@ def flow_of(named: str, days: float | None, later: "Dem", earlier: "Dem") -> "Di
     InputError
         A velocity without the time between the surveys, or displacements with one.
     """
-    from survey.scoring.motion.displacements import TrackedField
-    from survey.scoring.motion.tracked_file import read_tracked
+    from survey.scoring.change.displacements import TrackedField
+    from survey.scoring.change.tracking import read_tracked
 
     if "," in named:
         return _of_rasters(named, _days(days), later.crs)
@@ -61,8 +61,8 @@ def thickness_of(named: str | None, error: float) -> "Thickness | None":
 def _tracked(later: "Dem", earlier: "Dem") -> "DisplacementField":
     """Track the features of the earlier survey in the later one, on the grid of the coarser one."""
     from survey import Dem
-    from survey.scoring.motion.displacements import TrackedField
-    from survey.scoring.motion.tracking import track
+    from survey.scoring.change.displacements import TrackedField
+    from survey.scoring.change.tracking import track
 
     coarser = later if later.step_m >= earlier.step_m else earlier
     grid = coarser.grid()
@@ -74,7 +74,7 @@ def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
     from survey import Dem
     from survey.core.crs.agreement import same_crs
     from survey.reconstruction.motion.priors import VelocityRasters
-    from survey.scoring.motion.displacements import RasterField
+    from survey.scoring.change.displacements import RasterField
 
     files = named.split(",")
     if len(files) != 4:
@@ -90,7 +90,7 @@ def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
 
 def _of_motion(file: Path, days: float) -> "DisplacementField":
     from survey.data.ice.motion_file import read_motion
-    from survey.scoring.motion.displacements import SteadyField
+    from survey.scoring.change.displacements import SteadyField
 
     return SteadyField(read_motion(file), days)
 

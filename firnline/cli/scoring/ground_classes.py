@@ -21,8 +21,7 @@ def scores_by_class(
 
     `surface` gives the slopes: the reference where there is one, else the map.
     """
-    from survey.scoring.class_scores import class_scores, slope_classes
-    from survey.scoring.land_cover import land_cover_at
+    from survey.scoring.class_scores import class_scores, land_cover_at, slope_classes
 
     found: Classes = {}
     for by in request.by:

@@ -76,7 +76,7 @@ def _classes(
     request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem", area: "SurveyArea | None"
 ) -> Classes:
     """Return the statistics by class, at the nodes that are scored."""
-    from survey.scoring.comparison import compare, mean_and_std
+    from survey.scoring.scores import compare, mean_and_std
 
     if not request.by:
         return {}
@@ -129,7 +129,7 @@ def _print_cells(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "De
 def _print_age(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
     """Print the motion of the ice and for how long the map holds its class, where the map states them."""
     from survey import Dem
-    from survey.scoring.standards.certificate import stated_age
+    from survey.scoring.standards.map_classes import stated_age
 
     age = None if isinstance(map_, Dem) or request.as_json else stated_age(map_)
     if age is not None:
@@ -143,8 +143,7 @@ def _write_report(
     area: "SurveyArea | None",
     classes: Classes,
 ) -> None:
-    from survey.reporting.accuracy.parts import ReportSetting
-    from survey.reporting.accuracy.reference import reference_report
+    from survey.reporting.accuracy import ReportSetting, reference_report
 
     assert request.truth is not None
     inputs = {"Map": request.source.name, "Reference": request.truth.name}

@@ -168,7 +168,7 @@ class ScoreRequest(RunOptions):
 
     def _check_report(self, report: Path) -> None:
         from firnline.cli.outputs import refuse_existing
-        from survey.reporting.document.writing import OUTPUTS, check_target
+        from survey.reporting.document import OUTPUTS, check_target
         from survey.reporting.statements import template
 
         template(self.language)

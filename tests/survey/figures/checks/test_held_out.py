@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.figures.checks.held_out import held_out_plot
+from survey.figures.calibration import held_out_plot
 from survey.reconstruction.checks.predictive import PredictiveCheck, PredictiveScores
 
 
