@@ -8,7 +8,7 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.data.ice.motion import IceMotion
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.epoch import in_fixed_frame
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
 from vision_slam.odometry.odometer import VisualOdometry

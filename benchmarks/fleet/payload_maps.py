@@ -16,8 +16,7 @@ from survey.data.grid import Grid
 from survey.data.truth import Truth
 from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.gp.covariance.kernels import Matern32, Matern52, SquaredExponential
-from survey.reconstruction.payload.payload_map import map_payload
-from survey.reconstruction.payload.payload_process import PayloadHyperparameters
+from survey.reconstruction.payload import PayloadHyperparameters, map_payload
 
 _NODES_M = 6.0
 _95 = 1.959964

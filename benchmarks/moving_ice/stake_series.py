@@ -13,7 +13,7 @@ from benchmarks.report import Row
 from survey.core.arrays import FloatArray
 from survey.core.crs.checks import projected_crs
 from survey.core.crs.transformation import transformed
-from survey.reconstruction.motion.stake_series import predict_position
+from survey.reconstruction.motion.stakes import predict_position
 from vision_slam.io.rtklib import read_positions
 
 _DAY_S, _Z95 = 86400.0, 1.959964

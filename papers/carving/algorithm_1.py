@@ -13,19 +13,19 @@ from numba import njit
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.streams import stream
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.carving.bases import (
+from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.carving.descent import (
     BY_POINT,
     BY_RAY,
     Bases,
     Fresh,
     LevelCells,
+    Step,
     add_fresh,
     fresh_height,
     height_at,
 )
-from survey.reconstruction.carving.config import SpaceCarvingConfig
-from survey.reconstruction.carving.descent import Step
-from survey.reconstruction.line_of_sight.sight_lines import checked_origins
+from survey.reconstruction.line_of_sight.returns import checked_origins
 
 _SEARCH_M = 0.2
 """Step of the search along a line of sight [m]; the paper states none."""

@@ -13,8 +13,8 @@ from survey.core.streams import stream
 from survey.data.surface_points import SurfacePoints
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, HALF_IN, INK, MUTED, ROVERS, styled
 from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.carving.descent import wu_kernel
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
-from survey.reconstruction.carving.wu_kernel import wu_kernel
 
 N_SAMPLES, FARTHEST_M, SENSOR_M = 400, 24.0, 3.0
 N_EPOCHS, N_FIRST = 12, 2

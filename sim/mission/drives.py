@@ -33,8 +33,7 @@ from survey.data.recording import Recording
 from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
-from survey.reconstruction.motion.epoch import with_age
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.epoch import in_fixed_frame, with_age
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.localization import Localization

@@ -5,7 +5,7 @@ from pathlib import Path
 import survey
 from sim.config.mission import MissionConfig
 from survey.core.runs.store import RunFolder
-from survey.reconstruction.hazards.slope_hazard import BASE_M, hazard_grid, slope_hazard
+from survey.reconstruction.hazards import BASE_M, hazard_grid, slope_hazard
 from survey.reconstruction.method import MappedTerrain
 
 HAZARDS = "hazards"

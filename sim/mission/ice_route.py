@@ -17,7 +17,7 @@ from survey.core.errors import ConfigError
 from survey.data.dem import Dem
 from survey.data.legs import Leg
 from survey.data.route import Route
-from survey.reconstruction.motion.fixed_frame import route_on_ice
+from survey.reconstruction.motion.epoch import route_on_ice
 
 
 def in_ice_order(route: Route, mission: MissionConfig, world: World) -> Route:

@@ -14,7 +14,7 @@ from survey.core.runs.store import RunFolder
 from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.data.truth import Truth
 from survey.reconstruction.base import SIGMAS_95
-from survey.reconstruction.payload.payload_map import map_payload, payload_grid, write_payload
+from survey.reconstruction.payload import map_payload, payload_grid, write_payload
 from survey.scoring.coverage import SampleCells, science_coverage
 
 PAYLOAD = "payload"

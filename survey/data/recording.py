@@ -82,7 +82,7 @@ class Recording(SensorTables):
         takes it for unknown.
     ice_motion : IceMotion, optional
         Motion by which fixes, start, barometer and stakes were reduced to an epoch
-        (`survey.reconstruction.motion.ice_frame.in_ice_frame`); it is not written to files.
+        (`survey.reconstruction.motion.epoch.in_ice_frame`); it is not written to files.
     """
 
     crs: CRS

@@ -18,7 +18,7 @@ from survey.reconstruction.motion.priors import VelocityRasters as VelocityRaste
 from survey.reconstruction.motion.priors import motion_from_rasters as motion_from_rasters
 from survey.reconstruction.motion.priors import motion_from_slope as motion_from_slope
 from survey.reconstruction.motion.priors import uniform_motion as uniform_motion
+from survey.reconstruction.motion.refinement import area_mean as area_mean
 from survey.reconstruction.motion.refinement import refined_motion as refined_motion
-from survey.reconstruction.motion.stake_series import predict_position as predict_position
-from survey.reconstruction.motion.volume import area_mean as area_mean
+from survey.reconstruction.motion.stakes import predict_position as predict_position
 from survey.reconstruction.terrain_model import TerrainModel as TerrainModel

@@ -139,7 +139,7 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
         mapped = method.run(task)
     if task.rays and method.sight_lines == "truncation":
         # Here, because compiled support is only needed with lines of sight.
-        from survey.reconstruction.line_of_sight.truncation import below_sight_lines
+        from survey.reconstruction.line_of_sight.ceiling import below_sight_lines
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
     require_heights(mapped.reconstruction)

@@ -77,6 +77,6 @@ def map_scans(
 
 
 def _ground_of(scan: SurfacePoints) -> SurfacePoints:
-    from survey.reconstruction.line_of_sight.ground import ground
+    from survey.reconstruction.line_of_sight.returns import ground
 
     return scan.select(ground(scan.xyz))

@@ -6,7 +6,7 @@ from survey.core.arguments import check_types
 from survey.core.arrays import FloatArray, Progress
 from survey.data.ice.motion import IceMotion
 from survey.data.recording import Recording
-from survey.reconstruction.motion.ice_frame import in_ice_frame
+from survey.reconstruction.motion.epoch import in_ice_frame
 from survey.reconstruction.motion.stakes import motion_with_stakes
 from vision_slam.config import LocalizationConfig
 from vision_slam.localization import Localization

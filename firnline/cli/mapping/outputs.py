@@ -87,7 +87,7 @@ def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None)
     """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
     from survey.figures import png_bytes
     from survey.figures.maps import width_map
-    from survey.reconstruction.line_of_sight.steep_ground import steep_ground
+    from survey.reconstruction.hazards import steep_ground
 
     if result.lower is None or result.upper is None:
         return

@@ -18,13 +18,10 @@ from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.executors import open_workers
 from survey.core.files.reading import existing_file
-from survey.reconstruction.tiled.cells.disk_space import disk_bytes
-from survey.reconstruction.tiled.config import TiledConfig
-from survey.reconstruction.tiled.job import Control, TiledJob
-from survey.reconstruction.tiled.relief.long_relief import coarse_nodes
-from survey.reconstruction.tiled.request import fingerprint, tiled_job
-from survey.reconstruction.tiled.results import TiledResult
+from survey.reconstruction.tiled.global_parameters import coarse_nodes
+from survey.reconstruction.tiled.job import Control, TiledConfig, TiledJob, disk_bytes, fingerprint, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles, prior_on_nodes
+from survey.reconstruction.tiled.tile_map import TiledResult
 
 OWN_FILES = (
     *("dem.vrt", "support.vrt", "coverage.tif", "reconstruction.json", "withheld.png"),

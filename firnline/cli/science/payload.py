@@ -100,7 +100,7 @@ def payload(request: PayloadRequest) -> None:
     from firnline.cli.outputs import refuse_existing
     from survey.core.files.replacing import replacing_folder
     from survey.data.dem import Dem
-    from survey.reconstruction.payload.payload_map import map_payload, payload_grid, write_payload
+    from survey.reconstruction.payload import map_payload, payload_grid, write_payload
 
     inputs = (*request.logs, *request.trajectories, request.terrain)
     refuse_existing([request.out], force=request.force, inputs=inputs, own=_OWN_FILES)

@@ -6,7 +6,7 @@ from sim.config.mission import MissionConfig
 from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, InputError, Leg, Route
-from survey.reconstruction.line_of_sight.sight_lines import checked_origins
+from survey.reconstruction.line_of_sight.returns import checked_origins
 from vision_slam import localize, trajectory_error
 from vision_slam.rotation import rotations
 

@@ -9,7 +9,7 @@ from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from survey.data.sensors.stakes import StakeSightings, StakeSurveys
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.epoch import in_fixed_frame
 from survey.reconstruction.motion.priors import uniform_motion
 from vision_slam import LocalizationConfig, localize
 from vision_slam.localization import Localization

@@ -14,7 +14,7 @@ from survey.data.route import Leg, Route
 from survey.data.scans.lidar_scans import LidarScans
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.registered_scans import registered
+from survey.reconstruction.registration.scan_points import registered
 
 GRID = Grid((0.0, 0.0, 60.0, 60.0), 2.0)
 ROUTE = Route((Leg("swath", [[15.0, 30.0], [40.0, 32.0]]),), GRID.crs, "line")
