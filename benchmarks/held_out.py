@@ -37,11 +37,10 @@ from survey.data.path_error import PathError
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.checks.predictive import HeldOut, PredictiveCheck, PredictiveScores
-from survey.reconstruction.joint.checked_map import checked_map
+from survey.reconstruction.checks import HeldOut, PredictiveCheck, PredictiveScores
+from survey.reconstruction.joint.cross_validation import check_by_swaths, checked_map, held_out_swaths
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.left_out import check_by_swaths, held_out_swaths
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import certificate
 from vision_slam import LocalizationConfig, localize
 from vision_slam.localization import Localization

@@ -42,9 +42,8 @@ from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.executors import run_all
 from survey.core.streams import stream
-from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import KernelSearch
+from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.gp.kernel_search import KernelSearch, mapped
 from survey.terrain import random_dem, satellite_copy
 
 JUDGED_SEED = 27_182

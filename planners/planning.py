@@ -27,7 +27,7 @@ from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ def plan(
         Limits of slope and roughness, turning, and what driving takes; no metre of the route is beyond its limits.
     fleet : Fleet, optional
         How many rovers, and where they finish.
-    kernel : survey.reconstruction.gp.covariance.kernels.Kernel, optional
+    kernel : survey.reconstruction.gp.kernels.Kernel, optional
         Covariance of the unknown terrain, in metres of the CRS; fitted to the prior (`terrain_kernel`) where the
         pattern needs one.
     noise_m, sample_step_m : float

@@ -16,8 +16,8 @@ from survey.data.route import Route as Route
 from survey.data.surface_points import SurfacePoints as SurfacePoints
 from survey.data.trajectory import Trajectory as Trajectory
 from survey.data.truth import Truth as Truth
-from survey.reconstruction.base import Reconstruction as Reconstruction
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.mapping import reconstruct as reconstruct
+from survey.reconstruction.terrain_map import Reconstruction as Reconstruction
 from survey.scoring.scores import Score as Score
 from survey.scoring.scores import score as score

@@ -14,9 +14,9 @@ from sim.world.site import build_world
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.data.truth import Truth
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.gp.covariance.kernels import Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential
 from survey.reconstruction.payload import PayloadHyperparameters, map_payload
+from survey.reconstruction.terrain_map import Reconstruction
 
 _NODES_M = 6.0
 _95 = 1.959964

@@ -22,8 +22,7 @@ from planners.prediction.error_model import places
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
+from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
 
 STEP_M = 10.0
 SHARED_M = 0.05

@@ -17,7 +17,7 @@ from survey.core.runs.store import STAGES, RunFolder
 from survey.data.area import SurveyArea
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 _MOST_PLACES = 1500
 

@@ -13,7 +13,7 @@ from firnline.cli.mapping.points import map_points
 from survey.core.arrays import Progress
 from survey.core.quantity_text import round_number
 from survey.data.area import SurveyArea
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import compare, score_at
 from survey.scoring.standards.map_classes import own_claim
 

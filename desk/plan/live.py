@@ -17,7 +17,7 @@ from survey.core.arrays import Bounds
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 
 class LivePlan(NamedTuple):

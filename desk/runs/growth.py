@@ -15,7 +15,7 @@ from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.mapping import reconstruct
 
 _MOST_MAPS = 12

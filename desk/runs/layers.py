@@ -15,7 +15,7 @@ from survey.core.quantity_text import round_number
 from survey.core.runs.store import RunFolder
 from survey.data.dem import Dem
 from survey.data.truth import Truth
-from survey.reconstruction.base import MEASURED, SUPPORT_NAMES, Reconstruction
+from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES, Reconstruction
 
 
 def run_layer(run: RunFolder, layer: str, crs: CRS) -> dict[str, Any]:

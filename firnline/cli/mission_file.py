@@ -106,7 +106,7 @@ def _driven(folder: Path) -> dict[str, Any]:
 
 def _own_claim(folder: Path) -> list[str]:
     """Return what the map states of itself: the check by points left out, and its classes."""
-    from survey.reconstruction.base import ELEVATION, Reconstruction
+    from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
     from survey.scoring.standards.map_classes import own_claim
 
     result = Reconstruction.read(folder)

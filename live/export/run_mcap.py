@@ -14,7 +14,7 @@ from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 
 
 def write_run_mcap(run: RunFolder, path: Path) -> dict[str, int]:

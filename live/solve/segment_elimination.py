@@ -17,9 +17,7 @@ from live.solve.local_nodes import LocalNodes, local_nodes
 from live.solve.path_segments import PathSegments, path_segments
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import PathError
-from survey.reconstruction.joint.design_rows import JointSystem
-from survey.reconstruction.joint.joint_solve import JointEquations
-from survey.reconstruction.joint.terrain_posterior import waves_at
+from survey.reconstruction.joint.normal_equations import JointEquations, JointSystem, waves_at
 
 INTERPOLATION_M = 1e-4
 """Standard deviation of the error by which nodes stand for points [m]."""

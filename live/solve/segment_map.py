@@ -10,8 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.joint.design_rows import JointSystem
-from survey.reconstruction.joint.joint_solve import JointPosterior
+from survey.reconstruction.joint.normal_equations import JointPosterior, JointSystem
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
 from survey.data.legs import Leg
 from survey.data.route import Route
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 
 class Advice(NamedTuple):

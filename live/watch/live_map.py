@@ -17,7 +17,7 @@ from survey.data.grid import Grid
 from survey.data.path_error import POSE, PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.joint.joint_map import JointTerrain
 
 MEMORY_MB = 50.0

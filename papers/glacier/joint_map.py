@@ -41,7 +41,7 @@ from survey.data.grid import Grid
 from survey.data.sensors.sightings import Sightings
 from survey.data.trajectory import Trajectory
 from survey.reconstruction import Reconstruction, reconstruct
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointMap
 from survey.terrain import satellite_copy

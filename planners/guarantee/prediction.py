@@ -25,7 +25,7 @@ from planners.prediction.map_places import spread_places
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.kernel_search import Cell
 
 _N_NODES = 200
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from planners.guarantee.posterior.surfaces import SURFACE_NAMES, Surface
 from survey.core.errors import ConfigError
-from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.selection.kernel_search import ALL
+from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.gp.kernel_search import ALL
 from survey.scoring.standards.map_classes import map_classes
 
 _LEAST_PROBABILITY, _MOST_PROBABILITY = 0.5, 0.999

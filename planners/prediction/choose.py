@@ -96,7 +96,7 @@ def choose(
 
     Examples
     --------
-    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> area = SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), "EPSG:32608")
     >>> model = ErrorModel.of(area, SquaredExponential(20.0, 90.0), noise_m=0.1, cell_m=30.0)
     >>> choose(area, BestConfig(swaths=2), model).route.length_m <= 750.0

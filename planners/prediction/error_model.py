@@ -14,8 +14,8 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.reconstruction.gp.covariance.stationary import Kernel
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.kernels import Kernel
 
 _N_NODES_ALONG = 30
 _LEAST_NODES = 200

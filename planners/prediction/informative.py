@@ -13,7 +13,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.legs import Leg
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 
 _MOST_TRIED = 6
 _MOST_SAMPLES = 500

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.gp.covariance.stationary import Kernel
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.kernels import Kernel
 
 _N_NEAREST = 120
 

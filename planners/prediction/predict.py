@@ -11,8 +11,8 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.stationary import Kernel
-from survey.reconstruction.gp.selection.families import SMOOTH_TO_ROUGH, likeliest
+from survey.reconstruction.gp.kernels import Kernel
+from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
 
 _LEAST_CELLS = 9
 _LEAST_ABOUT = 36
@@ -69,7 +69,7 @@ def predict_error(
     Examples
     --------
     >>> import planners
-    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     >>> route = planners.plan(area, None, planners.LawnmowerConfig(swaths=6))
     >>> error = predict_error(route, area, SquaredExponential(30.0, 150.0), noise_m=0.1)

@@ -8,7 +8,7 @@ from planners.config import WavyConfig
 from planners.swaths.swaths import Swath
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 _POINTS_PER_WAVE = 16
 _MOST_HALVINGS = 5

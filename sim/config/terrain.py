@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from survey.core.config import Section
-from survey.reconstruction.prior.config import ProductName, SatelliteErrors
-from survey.reconstruction.prior.products import ErrorScale, PriorErrors
+from survey.reconstruction.prior import ErrorScale, PriorErrors, ProductName, SatelliteErrors
 
 TerrainFamily = Literal[
     "squared-exponential",

@@ -10,7 +10,7 @@ from sim.mission.fleet import drive_folders
 from sim.simulate.simulated_drive import ONBOARD
 from survey.data.recording import Recording
 from survey.data.sensors.drive_ties import DriveTies
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 
 if TYPE_CHECKING:
     from vision_slam.places.drive_ties import SeenDrive

@@ -32,7 +32,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.selection.families import SMOOTH_TO_ROUGH, likeliest
+from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointSolution
 

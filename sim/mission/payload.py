@@ -13,8 +13,8 @@ from survey.core.documents import write_json
 from survey.core.runs.store import RunFolder
 from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.data.truth import Truth
-from survey.reconstruction.base import SIGMAS_95
 from survey.reconstruction.payload import map_payload, payload_grid, write_payload
+from survey.reconstruction.terrain_map import SIGMAS_95
 from survey.scoring.coverage import SampleCells, science_coverage
 
 PAYLOAD = "payload"

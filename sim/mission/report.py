@@ -21,7 +21,7 @@ from survey.data.recording import Recording
 from survey.data.sensors.payload import Quantity
 from survey.data.truth import Truth
 from survey.io.tables import read_table
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reporting import (
     FleetResults,
     HazardResults,

@@ -30,7 +30,7 @@ from survey.core.arguments import check_types
 from survey.core.documents import write_json
 from survey.core.runs.store import STAGES, RunFolder
 from survey.data.truth import Truth
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.policy import map_landmarks
 
 logger = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from pydantic import (
 from survey.core.config import Section
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.covariance.families import SearchedFamily
+from survey.reconstruction.gp.families import SearchedFamily
 from survey.reconstruction.registry import LandmarkErrors, MethodName, ReconstructionConfig
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,/()<=-]*$")]

@@ -25,9 +25,7 @@ from survey import Route
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.path_error import PathError
-from survey.reconstruction.gp.selection.cells import Cell, FoundKernel
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import KernelSearch
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
 from survey.reconstruction.policy import map_landmarks
 from vision_slam import localize
 

@@ -25,8 +25,8 @@ from survey.figures.style import (
     REFERENCE,
     styled,
 )
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.checks.predictive import PredictiveCheck
+from survey.reconstruction.checks import PredictiveCheck
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import Calibration
 
 
@@ -132,7 +132,7 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
 
     Examples
     --------
-    >>> from survey.reconstruction.checks.predictive import PredictiveScores
+    >>> from survey.reconstruction.checks import PredictiveScores
     >>> scores = PredictiveScores.of(np.linspace(-0.2, 0.2, 40), np.full(40, 0.1))
     >>> check = PredictiveCheck("swaths", 4, scores, scores, (1.0, 5.0), (9.0, 4.0), (0.4, 0.3), (1.0, 1.0))
     >>> len(held_out_plot(check).axes)

@@ -16,7 +16,7 @@ from survey.data.route import Route
 from survey.data.trajectory import Trajectory
 from survey.figures.map_layers import along
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, PRIOR, REFERENCE, styled
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 
 _AXES_OF_SPACE = ("East", "North", "Up")
 

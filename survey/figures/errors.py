@@ -36,7 +36,7 @@ from survey.figures.style import (
     styled,
     symmetric_limits,
 )
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import CheckpointErrors, ErrorStatistics
 
 _HALF_HEIGHT_IN = 3.3

@@ -2,11 +2,6 @@
 
 from survey.data.ice.motion import IceMotion as IceMotion
 from survey.data.sensors.stake_files import read_stake_surveys as read_stake_surveys
-from survey.reconstruction.base import INTERPOLATED as INTERPOLATED
-from survey.reconstruction.base import MEASURED as MEASURED
-from survey.reconstruction.base import RAY_BOUNDED as RAY_BOUNDED
-from survey.reconstruction.base import UNSEEN as UNSEEN
-from survey.reconstruction.base import Reconstruction as Reconstruction
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain as GaussianProcessTerrain
 from survey.reconstruction.gp.mean import ConstantMean as ConstantMean
@@ -21,4 +16,9 @@ from survey.reconstruction.motion.priors import uniform_motion as uniform_motion
 from survey.reconstruction.motion.refinement import area_mean as area_mean
 from survey.reconstruction.motion.refinement import refined_motion as refined_motion
 from survey.reconstruction.motion.stakes import predict_position as predict_position
+from survey.reconstruction.terrain_map import INTERPOLATED as INTERPOLATED
+from survey.reconstruction.terrain_map import MEASURED as MEASURED
+from survey.reconstruction.terrain_map import RAY_BOUNDED as RAY_BOUNDED
+from survey.reconstruction.terrain_map import UNSEEN as UNSEEN
+from survey.reconstruction.terrain_map import Reconstruction as Reconstruction
 from survey.reconstruction.terrain_model import TerrainModel as TerrainModel

@@ -36,8 +36,8 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.io.raster import write_raster
-from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.joint.solution import JointSolution
+from survey.reconstruction.terrain_map import Reconstruction
 
 ACCEPTED = 0.05
 """Probability of ground beyond the limit from which it is no-go ground for the next plan."""

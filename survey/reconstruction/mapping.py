@@ -15,13 +15,13 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.registry import METHODS, method_named, names_where
+from survey.reconstruction.terrain_map import ELEVATION, UNSEEN, Reconstruction
 
 
 @check_types

@@ -33,10 +33,8 @@ from survey.data.grid import Grid
 from survey.data.sensors.payload import PayloadLog
 from survey.data.trajectory import Trajectory
 from survey.io.raster.netcdf import write_netcdf
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.gp.covariance.kernels import Matern32, Matern52, SquaredExponential
-from survey.reconstruction.gp.covariance.stationary import Stationary
-from survey.reconstruction.support import support_codes
+from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential, Stationary
+from survey.reconstruction.terrain_map import Reconstruction, support_codes
 
 
 class AveragedReadings(NamedTuple):

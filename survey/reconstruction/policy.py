@@ -22,10 +22,10 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.mapping import run
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig, method_named
+from survey.reconstruction.terrain_map import ELEVATION
 
 logger = logging.getLogger(__name__)
 

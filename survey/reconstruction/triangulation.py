@@ -17,8 +17,8 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
-from survey.reconstruction.base import ELEVATION, INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.observations import Observations
+from survey.reconstruction.terrain_map import ELEVATION, INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, local_datum_m, not_fitted
 
 _FORMAT = "firnline triangulated terrain 1"

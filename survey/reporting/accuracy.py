@@ -20,7 +20,7 @@ from survey.figures.errors import (
     residual_map,
     residual_quantiles,
 )
-from survey.reconstruction.base import INTERPOLATED, Reconstruction
+from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.reporting.document import Chapter, Document, DrawnFigure, Statement, Table
 from survey.reporting.quantities import number, percent
 from survey.reporting.statements import statement, template

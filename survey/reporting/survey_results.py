@@ -13,7 +13,7 @@ from survey.data.route import Route
 from survey.data.sensors.payload import Quantity
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import Score
 
 

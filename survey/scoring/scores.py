@@ -24,7 +24,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.plots import html_table
 from survey.data.route import Route
-from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage, NodeCounts, counted, nodes_beyond
 from survey.scoring.standards.map_classes import Verdict, judge

@@ -10,7 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.terrain.random_fields import kernel_field
 
 _MOST_CELLS = 1600
@@ -119,7 +119,7 @@ class ConditionalTerrain:
 
     Examples
     --------
-    >>> from survey.reconstruction.gp.covariance.kernels import Matern52
+    >>> from survey.reconstruction.gp.kernels import Matern52
     >>> coarse = Dem.on(Grid((37.5, 37.5, 562.5, 562.5), 75.0), np.arange(64.0).reshape(8, 8))
     >>> drawn = ConditionalTerrain(
     ...     CoarseCells(coarse, sigma_m=0.1), Matern52(30.0, 150.0), Grid((0.0, 0.0, 600.0, 600.0), 10.0)

@@ -24,7 +24,7 @@ from scipy.integrate import quad
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import Matern32
+from survey.reconstruction.gp.kernels import Matern32
 from survey.terrain.random_fields import require_resolved, spectral_field
 
 LONGEST_WAVE_M = 35.0

@@ -9,8 +9,8 @@ from scipy.ndimage import shift as shifted_array
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.reconstruction.prior.error_sizes import correlation
-from survey.reconstruction.prior.products import PriorErrors
+from survey.reconstruction.prior import PriorErrors
+from survey.reconstruction.prior_likelihood import correlation
 from survey.terrain.satellite import SatelliteDem, satellite_copy
 
 _MOST_CELLS = 4000

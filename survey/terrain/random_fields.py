@@ -10,7 +10,7 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
 
 SpectralDensity = Callable[[FloatArray], FloatArray]
 

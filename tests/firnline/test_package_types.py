@@ -41,7 +41,7 @@ from survey.reconstruction import (
     GaussianProcessTerrain,
     VelocityRasters,
 )
-from survey.reconstruction.gp.covariance.kernels import Matern32
+from survey.reconstruction.gp.kernels import Matern32
 from survey.reporting import (
     FleetResults,
     HazardResults,

@@ -12,7 +12,7 @@ from survey.data.path_error import POSE, PathError
 from survey.data.sensors.drive_ties import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.pose_constraints import PoseConstraints, gate_constraints, pose_jacobian
 

@@ -13,8 +13,8 @@ from firnline.cli.facts import fact_line, figure_lines
 from survey.core.files.replacing import replacing_folder
 from survey.data.ice.motion import IceMotion
 from survey.data.ice.motion_file import ICE_MOTION, write_motion
-from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.beyond_points import beyond_sentences
+from survey.reconstruction.terrain_map import ELEVATION
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),

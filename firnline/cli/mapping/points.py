@@ -17,20 +17,20 @@ from survey.data.ice.motion_file import read_motion
 from survey.data.sensors.drive_ties import DriveTies
 from survey.interchange.sensor_scans import read_sensor_scans
 from survey.io.text_tables.spellings import parsed_columns
-from survey.reconstruction.base import ELEVATION
-from survey.reconstruction.checks.blunders import (
+from survey.reconstruction.joint.drives import SeveralDrives
+from survey.reconstruction.mapping import within
+from survey.reconstruction.method import MappedTerrain
+from survey.reconstruction.motion.epoch import at_epoch, with_age
+from survey.reconstruction.motion.refinement import refined_motion
+from survey.reconstruction.observations import (
     Blunders,
     refuse_far_places,
     refuse_feet_among_metres,
     without_blunders,
 )
-from survey.reconstruction.joint.several_drives import SeveralDrives
-from survey.reconstruction.mapping import within
-from survey.reconstruction.method import MappedTerrain
-from survey.reconstruction.motion.epoch import at_epoch, with_age
-from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
+from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.fusion.drive_ties import tie_drives
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import planners
     import survey
     from survey.core.arrays import Progress
-    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
 
 _DEFAULT_SWATHS = 4
 _NOISE_M = 0.1
@@ -165,7 +165,7 @@ def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None
 
 def _assumption(kernel: "Kernel") -> str:
     """Return in a sentence what the predicted error rests on."""
-    from survey.reconstruction.gp.covariance.kernels import KINDS
+    from survey.reconstruction.gp.kernels import KINDS
 
     family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
     return (

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import planners
     import survey
-    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
 
 _NODES_ALONG = 60
 

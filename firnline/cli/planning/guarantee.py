@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from planners.guarantee.posterior.surfaces import Surface
     from planners.guarantee.requirement import MapRequirement
     from planners.guarantee.result import Guarantee
-    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
 
 
 def limit_of(require: str) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.kernel_search import Cell
 
 _STEPS_PER_LENGTH = 8192
 _MOST_STEPS = 65536

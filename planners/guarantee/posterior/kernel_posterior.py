@@ -11,11 +11,9 @@ from planners.guarantee.posterior.prior_fit import fitted_family
 from planners.guarantee.posterior.surfaces import SURFACES, Surface, roughness_elsewhere
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
-from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.covariance.kernels import Kernel
-from survey.reconstruction.gp.covariance.stationary import Stationary
-from survey.reconstruction.gp.selection.cells import Cell
-from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
+from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.gp.kernel_search import ALL, Cell, KernelSearch
+from survey.reconstruction.gp.kernels import Kernel, Stationary
 
 # Four covariances hold nearly all of what the samples leave open.
 _MOST_KERNELS = 4
@@ -46,7 +44,7 @@ def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> 
 
     Examples
     --------
-    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> round(localized_noise_m(0.1, 1.0, SquaredExponential(25.0, 100.0)), 3)
     0.122
     """

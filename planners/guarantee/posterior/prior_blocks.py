@@ -21,7 +21,7 @@ from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 RESOLUTION_CELLS = 2.0
 """Width of what a cell of a coarse product shows, in cells: products resolve two to three of their cells."""

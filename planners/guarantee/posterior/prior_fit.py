@@ -9,8 +9,8 @@ import numpy as np
 from planners.guarantee.posterior.prior_blocks import Fit, PriorBlocks
 from planners.guarantee.posterior.surfaces import roughness_elsewhere
 from survey.core.errors import InputError
-from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.gp.kernel_search import Cell
 
 _LENGTHS_PER_DOUBLING = 2
 

@@ -27,7 +27,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from survey.reconstruction.gp.covariance.families import SearchedFamily
+from survey.reconstruction.gp.families import SearchedFamily
 
 Surface = Literal["bare-ice", "snow", "moraine", "bedrock", "unknown"]
 

@@ -16,8 +16,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.covariance.stationary import Stationary
+from survey.reconstruction.gp.kernels import SquaredExponential, Stationary
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 from survey.terrain.random_fields import kernel_field
 

@@ -17,8 +17,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
+from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 
 _N_NODES = 256

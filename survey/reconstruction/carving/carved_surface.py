@@ -16,7 +16,6 @@ from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m
 from survey.reconstruction.carving.descent import (
     MOST_PER_POINT,
@@ -32,6 +31,7 @@ from survey.reconstruction.carving.descent import (
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
 from survey.reconstruction.line_of_sight.returns import ends_far_below
 from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN
 
 _TILE_M = 48.0
 

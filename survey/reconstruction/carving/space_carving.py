@@ -15,7 +15,6 @@ from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import SIGMAS_95, UNSEEN, Reconstruction
 from survey.reconstruction.carving.carved_surface import (
     CarvedSurface,
     CarvingFrame,
@@ -32,6 +31,7 @@ from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step
 from survey.reconstruction.carving.descent import BY_POINT, BY_RAY, Step
 from survey.reconstruction.line_of_sight.returns import checked_origins, ghosts
 from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_map import SIGMAS_95, UNSEEN, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, local_datum_m, not_fitted
 
 MEAN, LOWER, UPPER = "mean", "lower", "upper"

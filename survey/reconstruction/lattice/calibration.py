@@ -28,11 +28,11 @@ from scipy.optimize import minimize
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.streams import stream
-from survey.reconstruction.base import SIGMAS_95
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, Stiffness, is_small
 from survey.reconstruction.nodes import NodeWindow, away_from, bilinear
 from survey.reconstruction.observations import Predict
+from survey.reconstruction.terrain_map import SIGMAS_95
 
 _BLOCK_IN_STEPS, _THIN_IN_STEPS = 4.0, 2.0
 _N_FOLDS, _SHARE = 3, 1.0 / 6.0

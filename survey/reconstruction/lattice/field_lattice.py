@@ -20,7 +20,6 @@ from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
-from survey.reconstruction.base import MEASURED, RAY_BOUNDED
 from survey.reconstruction.lattice.calibration import BoundFactors, LatticeCalibration, RecentPoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import (
@@ -41,6 +40,7 @@ from survey.reconstruction.nodes import (
     require_room,
     sensor_place,
 )
+from survey.reconstruction.terrain_map import MEASURED, RAY_BOUNDED
 from survey.reconstruction.terrain_model import Capabilities, local_datum_m, not_fitted
 
 _METHOD = "field"

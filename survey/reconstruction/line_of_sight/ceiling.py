@@ -31,9 +31,9 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, MEASURED, RAY_BOUNDED, Reconstruction
 from survey.reconstruction.line_of_sight.returns import checked_origins, ends_far_below, ghosts
 from survey.reconstruction.nodes import NodeWindow, bilinear
+from survey.reconstruction.terrain_map import ELEVATION, MEASURED, RAY_BOUNDED, Reconstruction
 
 # Number of rays stored for a node; the last of them is the one that counts.
 N_LOWEST = 3

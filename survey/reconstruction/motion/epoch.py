@@ -25,8 +25,8 @@ from survey.data.route import Route
 from survey.data.sensors.aiding import Barometer, GpsFixes
 from survey.data.sensors.stakes import Stakes
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import CHECK, CLAIM, ELEVATION, UNSEEN, Reconstruction
 from survey.reconstruction.motion.stakes import mean_stakes
+from survey.reconstruction.terrain_map import CHECK, CLAIM, ELEVATION, UNSEEN, Reconstruction
 
 AGE = "map_age"
 """Name of the age among the diagnostics of a map."""

@@ -21,9 +21,8 @@ from survey.io.raster.categories import write_categories
 from survey.io.raster.mosaic import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
 from survey.io.raster.writing import write_raster
-from survey.reconstruction.base import INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.nodes import bilinear
-from survey.reconstruction.reconstruction_file import FACTS_SHA256
+from survey.reconstruction.terrain_map import FACTS_SHA256, INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.tiled.fine_relief import FineRelief, fine_relief, strip_variance
 from survey.reconstruction.tiled.global_parameters import Learnt, Measurements, Shared, measurements
 from survey.reconstruction.tiled.job import TiledJob, load_arrays

@@ -21,8 +21,8 @@ from survey.core.errors import InputError
 from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.change.along_flow import Thickness, change_along_flow
 from survey.scoring.change.coregistration import Shift, coregister
 from survey.scoring.change.displacements import DisplacementField

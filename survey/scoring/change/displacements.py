@@ -10,8 +10,8 @@ from survey.core.arrays import FloatArray
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.ice.motion import DAY_S, IceMotion
-from survey.reconstruction.gp.covariance.kernels import Matern32
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.kernels import Matern32
 from survey.reconstruction.motion.priors import VelocityRasters
 from survey.scoring.change.tracking import TrackedMotion
 

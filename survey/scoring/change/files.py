@@ -29,7 +29,7 @@ from survey.data.parts.area_parts import simple_rings
 from survey.io.raster import band_count, raster_header, write_raster
 from survey.io.raster.large.averaging import read_averaged
 from survey.io.vector import polygon_layer, read_features
-from survey.reconstruction.base import INTERPOLATED, Reconstruction
+from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.scoring.change.variogram import LARGEST_CELLS
 from survey.scoring.change.volume_change import AlongFlow, Change
 

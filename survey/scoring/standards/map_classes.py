@@ -9,10 +9,10 @@ certificate is as good as the map's standard deviation.
 from dataclasses import dataclass, replace
 
 from survey.core.errors import ConfigError, InputError
-from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.beyond_points import beyond_sentences
-from survey.reconstruction.checks.rmse_claim import CONFIDENCE, RmseClaim, RmsePosterior
+from survey.reconstruction.checks import CONFIDENCE, RmseClaim, RmsePosterior
 from survey.reconstruction.motion.epoch import AGE, MapAge
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring.standards.standards import CONTOURS, FOOT_M, LEAST_COVERED, PAPER, SPOT_HEIGHTS
 
 # Tables I, II and III of the glacier paper: contour interval [m] and RMSE limit [m] by class.

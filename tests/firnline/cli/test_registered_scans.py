@@ -15,7 +15,7 @@ from survey.data.scans.lidar_scans import LidarScans
 from survey.data.scans.returns import LidarReturns
 from survey.data.scans.scanner import Scanner
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 from tests.survey.interchange.cloud_bags import write_cloud_bag
 
 CRS = "EPSG:32608"

@@ -12,7 +12,7 @@ from survey.core.crs.checks import projected_crs
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
 
 CRS = projected_crs("EPSG:32608", "the test")

@@ -16,8 +16,7 @@ from planners.guarantee.survey_lines import SurveyLines
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.cells import Cell, FoundKernel
-from survey.reconstruction.gp.selection.common_maps import mapped
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, mapped
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 

@@ -6,7 +6,7 @@ from planners.guarantee.posterior.kernel_posterior import (
     posterior_from_survey,
 )
 from planners.guarantee.prediction import LimitPredictor
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.kernel_search import Cell
 from tests.planners.guarantee.smooth_site import AREA, SMOOTH, lines, smooth_terrain
 
 

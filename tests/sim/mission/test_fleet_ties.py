@@ -11,7 +11,7 @@ from sim.mission.stages import run_mission
 from survey import Trajectory
 from survey.core.config import validated
 from survey.data.sensors.drive_ties import DriveTies
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 from tests.sim.mission.test_fleet import TWO
 
 

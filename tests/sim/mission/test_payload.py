@@ -18,7 +18,7 @@ from survey.core.documents import read_json
 from survey.core.errors import ConfigError
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
-from survey.reconstruction.gp.covariance.kernels import Matern52
+from survey.reconstruction.gp.kernels import Matern52
 
 WARM = {"name": "air_temperature", "unit": "degC", "per_km_of_elevation": -6.5, "field_length_m": 60.0}
 MISSION = {

@@ -11,7 +11,7 @@ from survey.data.path_error import PathError
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 
 GRID = Grid((0.0, 0.0, 3.0, 2.0), 1.0)
 DEM = Dem.on(GRID, GRID.xy[:, 0].reshape(GRID.shape))

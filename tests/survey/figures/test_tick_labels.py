@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from survey import Dem, Grid, SurveyArea, figures
 from survey.figures.errors import residual_histogram, residual_quantiles
 from survey.figures.maps import change_map
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import Change, ErrorStatistics
 
 

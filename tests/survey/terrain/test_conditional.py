@@ -1,7 +1,7 @@
 import numpy as np
 
 from survey import Dem, Grid
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.terrain.conditional import CoarseCells
 
 

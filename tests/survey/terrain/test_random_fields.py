@@ -8,7 +8,7 @@ import pytest
 from sim.config.terrain import TerrainFamily
 from survey.core.errors import ConfigError, InputError
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
 from survey.terrain import (
     fractional_brownian,
     matern_field,

@@ -11,8 +11,7 @@ from survey.data.path_error import PathError
 from survey.data.sensors.drive_ties import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.joint.correction import PathCorrection
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import PathCorrection, SeveralDrives
 from vision_slam.fusion.drive_ties import tie_drives
 
 CRS_ = CRS("EPSG:32608")

@@ -9,7 +9,7 @@ from planners.guarantee.posterior.kernel_posterior import (
 from planners.guarantee.posterior.prior_blocks import PriorBlocks
 from planners.guarantee.posterior.surfaces import roughness_elsewhere
 from survey import Dem, Grid, SurveyArea
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain
 
 

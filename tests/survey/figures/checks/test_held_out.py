@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.figures.calibration import held_out_plot
-from survey.reconstruction.checks.predictive import PredictiveCheck, PredictiveScores
+from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from survey.data.path_error import PathError
 from survey.data.shared_views import stretches
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.joint.drives import SeveralDrives, joined_points
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.landmark_errors import LandmarkErrors
-from survey.reconstruction.joint.several_drives import SeveralDrives, joined_points
+from survey.reconstruction.joint.shared_errors import LandmarkErrors
 
 CRS = projected_crs("EPSG:32608", "the test")
 GRID = Grid((0.0, 0.0, 120.0, 80.0), 8.0, CRS)

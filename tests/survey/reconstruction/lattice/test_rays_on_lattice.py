@@ -10,7 +10,6 @@ from scipy import sparse
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import MEASURED, RAY_BOUNDED
 from survey.reconstruction.lattice.calibration import Scenes, hidden_from, imagined_sensors
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
@@ -18,6 +17,7 @@ from survey.reconstruction.lattice.field_posterior import Stiffness
 from survey.reconstruction.lattice.solver import Ceiling, Operator, solve, solve_below
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
 from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_map import MEASURED, RAY_BOUNDED
 
 CRS = "EPSG:32608"
 RAYS = FieldLatticeConfig(stiffness=20.0, range_m=8.0, rays=True)

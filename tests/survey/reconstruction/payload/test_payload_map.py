@@ -8,7 +8,7 @@ from survey import Dem, Grid, InputError, Reconstruction
 from survey.core.crs.checks import projected_crs
 from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.gp.covariance.kernels import Matern52
+from survey.reconstruction.gp.kernels import Matern52
 from survey.reconstruction.payload import (
     MOST_NODES,
     AveragedReadings,
