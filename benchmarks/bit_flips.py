@@ -19,13 +19,13 @@ import numpy as np
 import survey
 from benchmarks.small_inputs import STUDY
 from firnline.cli.progress import logged_to
-from papers.study_cache import is_complete, record
+from papers.studies import is_complete, record
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.montecarlo.config import read_study
+from sim.montecarlo.results import read_trials
 from sim.montecarlo.study import run_study
-from sim.montecarlo.tables import read_trials
 from survey.core.config import validated
 from survey.core.errors import FirnlineError
 from survey.core.runs.log import read_log

@@ -30,7 +30,7 @@ from benchmarks.image_surveys import EXAMPLES, _simulated
 from benchmarks.report import Row, cpu_seconds, main
 from benchmarks.stored_parts import code_digest
 from sim.config.mission import MissionConfig
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray
 from survey.data.path_error import PathError

@@ -20,12 +20,11 @@ from scipy.stats import norm
 import planners
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import parts_folder, stored_rows
-from papers.glacier.joint_cases import AREA
-from papers.glacier.joint_map import site
+from papers.glacier.joint_map import AREA, site
 from planners import LawnmowerConfig
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.path_error import POSE

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.image_surveys import seen
 from benchmarks.odometry_errors import simulated_drive
 from benchmarks.report import Row, main
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.recording import Recording

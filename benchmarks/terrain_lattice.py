@@ -17,8 +17,17 @@ import numpy as np
 
 from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import honesty
-from papers.emap.octomap import OctoMapSurface
-from papers.emap.runs import EMAP, FIELD, OCTOMAP, OCTOMAP_COARSE, SCENARIOS, RunScore, below, run
+from papers.emap.runs import (
+    EMAP,
+    FIELD,
+    OCTOMAP,
+    OCTOMAP_COARSE,
+    SCENARIOS,
+    OctoMapSurface,
+    RunScore,
+    below,
+    run,
+)
 from papers.emap.world import N_RUNS, N_SCANS, EmapRun
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints

@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import parts_folder, stored_rows
-from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
-from sim.instruments.suite import SensorFaults
-from sim.simulate.faults import Faults
+from sim.config.sensors import FaultConfig
+from sim.instruments.registry import SensorFaults
+from sim.simulate.assembly import Faults
 from sim.simulate.vision import simulate_vision
 from sim.world.site import build_world
 from survey.core.arrays import BoolArray, FloatArray

@@ -9,7 +9,7 @@ from benchmarks.fleet.sites import FAMILIES, mission_on
 from benchmarks.moving_ice.chance import drawn_coverages
 from sim.config.mission import MissionConfig
 from sim.mission.fleet import route_of
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid

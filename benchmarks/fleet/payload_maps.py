@@ -6,10 +6,9 @@ import numpy as np
 
 import planners
 from benchmarks.fleet.sites import FAMILIES, mission_on
-from sim.config.payload import PayloadConfig
-from sim.simulate.payload import payload_log
-from sim.vehicle.exact_motion import exact_drive
-from sim.world.payload_field import PayloadField
+from sim.config.rover import PayloadConfig
+from sim.instruments.environment import PayloadField, payload_log
+from sim.vehicle.motion import exact_drive
 from sim.world.site import build_world
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid

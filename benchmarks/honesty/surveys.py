@@ -14,8 +14,8 @@ from benchmarks.honesty.terrains import CRS, KINDS, SIDE_M, terrain
 from benchmarks.mismatched import mismatched
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -13,7 +13,7 @@ from benchmarks.mission_settings import stated_mission
 from benchmarks.report import cpu_seconds
 from sim.config.mission import MissionConfig
 from sim.mission.drives import register_scans
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.data.recording import Recording
 from survey.data.scans.lidar_scans import LidarScans

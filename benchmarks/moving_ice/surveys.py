@@ -13,7 +13,7 @@ from benchmarks.moving_ice.cases import SIDE_M, Case, mission_of
 from benchmarks.moving_ice.chance import drawn_coverages
 from planners import plan
 from sim.config.mission import MissionConfig
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from sim.world.site import build_world
 from survey.core.arrays import FloatArray

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.sensors.aiding import GpsFixes

@@ -23,9 +23,8 @@ from planners.prediction.prior_cover import require_cover
 from planners.swaths.counting import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.drives import localized
-from sim.mission.ice_route import in_ice_order
-from sim.simulate.aiding import with_way_home
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem

@@ -31,7 +31,7 @@ def init(
     import numpy as np
 
     from firnline.cli.outputs import refuse_existing
-    from sim.mission.template import mission_template
+    from sim.mission.runs import mission_template
     from survey.core.files.links import resolved
     from survey.core.files.writing import replacing
     from survey.data.dem import Dem

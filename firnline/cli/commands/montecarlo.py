@@ -41,9 +41,8 @@ def montecarlo(request: MonteCarloRequest) -> None:
       firnline montecarlo study.toml --set trials=1000 --scheduler tcp://10.0.0.5:8786
     """
     from firnline.cli.progress import counted
-    from sim.montecarlo.capacity import require_study
     from sim.montecarlo.config import read_study
-    from sim.montecarlo.study import run_study
+    from sim.montecarlo.study import require_study, run_study
 
     engine = request.chosen_engine()
     wanted = read_study(request.study, request.settings)

@@ -50,7 +50,7 @@ def extra_findings() -> list[Finding]:
 
 def physics_finding() -> Finding:
     """Check whether a rigid-body engine can be imported."""
-    from sim.vehicle.engines import chosen_engine
+    from sim.vehicle.rigid_bodies import chosen_engine
     from survey.core.errors import ConfigError
 
     try:

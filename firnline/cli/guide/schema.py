@@ -25,8 +25,8 @@ def schema(
     """
     import json
 
-    from sim.config.json_schema import json_schema
     from sim.config.mission import MissionConfig
+    from sim.mission.runs import json_schema
     from sim.montecarlo.config import StudyConfig
 
     model = MissionConfig if kind == "mission" else StudyConfig

@@ -124,8 +124,8 @@ class LocalizeRequest:
         InputError
             Settings of the motion without an epoch, or a recording without fixes.
         """
-        from sim.config.ice import IceAssumptions
-        from sim.world.assumed_motion import assumed_motion
+        from sim.config.world import IceAssumptions
+        from sim.world.moving_ice import assumed_motion
         from survey.core.config import validated, with_overrides
         from survey.core.errors import InputError
         from survey.data.recording import Recording

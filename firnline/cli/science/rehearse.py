@@ -12,7 +12,7 @@ from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
-    from sim.mission.rehearsal.fault_tree import FaultEvent
+    from sim.mission.rehearsal import FaultEvent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,10 +40,8 @@ def rehearse(request: RehearseRequest) -> None:
     import json
 
     from firnline.cli.progress import counted
-    from sim.mission.rehearsal.fault_tree import fault_tree
-    from sim.mission.rehearsal.figure import write_fault_tree
-    from sim.mission.rehearsal.runs import outcomes, rehearsal_folder, summarized
-    from sim.mission.rehearsal.runs import rehearse as run_all_of
+    from sim.mission.rehearsal import fault_tree, outcomes, rehearsal_folder, summarized, write_fault_tree
+    from sim.mission.rehearsal import rehearse as run_all_of
     from sim.mission.runs import read_mission
 
     engine = request.chosen_engine()

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from papers.carving.algorithm_1 import LiteralCarving
+from papers.carving.comparison import LiteralCarving
 from papers.studies import study
 from survey import InputError, SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig

@@ -15,10 +15,10 @@ from sim.mission.fleet import (
     drive_fleet,
     drive_folders,
     n_lost,
+    n_ties,
     route_of,
     with_drawn_losses,
 )
-from sim.mission.fleet_ties import n_ties
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world

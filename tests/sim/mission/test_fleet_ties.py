@@ -4,8 +4,7 @@ import numpy as np
 
 from sim.config.mission import MissionConfig
 from sim.mission.drives import mapped_points
-from sim.mission.fleet import drive_folders
-from sim.mission.fleet_ties import TIES_FILE, n_ties, tied_drives
+from sim.mission.fleet import TIES_FILE, drive_folders, n_ties, tied_drives
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from survey import Trajectory

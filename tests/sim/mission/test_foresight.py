@@ -7,8 +7,7 @@ import typer
 
 from firnline.cli.planning.foresight import print_options_of
 from planners import RandomWanderConfig
-from sim.config.ice import IceAssumptions, IceConfig
-from sim.config.terrain import RandomTerrain, SatelliteConfig
+from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, covariance_of_cells, predicted_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea

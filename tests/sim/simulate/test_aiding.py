@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim.config.mission import SensorConfig
-from sim.simulate.aiding import with_way_home
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical, with_way_home
 from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth

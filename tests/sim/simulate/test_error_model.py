@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from sim.simulate.error_model import DriveErrors, OdometryErrors, errors_of, fitted
 from survey.core.errors import InputError
 from survey.core.runs.store import RunFolder

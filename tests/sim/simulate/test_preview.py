@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from PIL import Image as Picture
 
-from sim.simulate.preview import animated, write_contact_sheet, write_preview
+from sim.simulate.simulated_drive import animated, write_contact_sheet, write_preview
 from survey.data.camera.frames import Frames
 
 

@@ -5,10 +5,9 @@ import pytest
 
 import planners
 from planners.steering.waypoints import WaypointSteering
-from sim.config.drive import PhysicsConfig
-from sim.simulate.navigation import PoseEstimate
+from sim.config.rover import PhysicsConfig
+from sim.simulate.navigation import PoseEstimate, SensedTilt, SteeredPath
 from sim.simulate.simulated_drive import Ending
-from sim.simulate.steered_path import SensedTilt, SteeredPath
 from sim.simulate.vision import simulate_vision
 from sim.vehicle.pursuit import PurePursuit
 from survey import SurveyArea

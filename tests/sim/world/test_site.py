@@ -3,7 +3,7 @@ import pytest
 
 from planners import LawnmowerConfig
 from sim.config.mission import AreaConfig, MissionConfig
-from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
+from sim.config.world import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
 from sim.world.site import build_world
 from survey import ConfigError, Dem, Grid, InputError
 from survey.core.crs.checks import projected_crs

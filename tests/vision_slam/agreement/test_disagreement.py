@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes, Inertial

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes, Inertial
 from survey.data.sensors.loop_closures import LoopClosures

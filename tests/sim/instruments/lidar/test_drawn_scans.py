@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import LidarConfig
-from sim.instruments.lidar.drawn_scans import scans_along
-from sim.vehicle.exact_motion import exact_drive
+from sim.instruments.lidar import scans_along
+from sim.vehicle.motion import exact_drive
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.data.dem import Dem

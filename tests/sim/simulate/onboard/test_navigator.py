@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.config.mission import MissionConfig
 from sim.simulate.navigation import Start
-from sim.simulate.onboard.navigator import OnboardComputer
-from sim.simulate.onboard.navigator_process import Subprocess, navigating
+from sim.simulate.navigator import OnboardComputer, Subprocess, navigating
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated
@@ -130,7 +129,7 @@ def _step_often(navigator):
 
 
 def test_the_process_of_the_onboard_computer_imports_no_simulator():
-    code = "import sys, sim.simulate.onboard.navigator_process as _; print(*sys.modules)"
+    code = "import sys, sim.simulate.navigator as _; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     parts = ("planners", "sim.config", "sim.instruments", "sim.rendering", "sim.vehicle", "sim.world")
     assert [name for name in done.stdout.split() if name.startswith(parts)] == []
