@@ -26,9 +26,9 @@ from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.io.rtklib import read_positions
+from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import localize
+from vision_slam.readers.gps_files import read_positions
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 _N_STRETCHES, _N_FIXES, _INTERVAL_S = 40, 40, 900.0

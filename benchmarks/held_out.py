@@ -43,7 +43,7 @@ from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import certificate
 from vision_slam import LocalizationConfig, localize
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 from vision_slam.odometry.onboard import read_visual_odometry
 
 STORED = Path(tempfile.gettempdir()) / "firnline-held-out"

@@ -35,7 +35,7 @@ from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.prior import SatelliteErrors
 from vision_slam import localize
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 
 FIRST_SEED = 6000
 TAUS_S = (60.0, 300.0)

@@ -32,11 +32,11 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import Inertial
 from survey.data.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
-from vision_slam.consistency import consistency
+from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
 from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 
 FIRST_SEED = 51_000
 _JUDGED = ("SBAS", "3 m, tau 60 s")

@@ -37,7 +37,7 @@ from survey.data.legs import Leg
 from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.drive import align_heading
+from vision_slam.agreement.steps import align_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry

@@ -144,13 +144,13 @@ from survey.scoring.standards.map_classes import Verdict as Verdict
 from survey.scoring.standards.map_classes import certificate as certificate
 from vision_slam.config import ImageOdometryErrors as ImageOdometryErrors
 from vision_slam.config import LocalizationConfig as LocalizationConfig
+from vision_slam.config import VisualOdometryConfig as VisualOdometryConfig
+from vision_slam.drive_estimate import Localization as Localization
 from vision_slam.evaluation import TrajectoryError as TrajectoryError
 from vision_slam.evaluation import trajectory_error as trajectory_error
-from vision_slam.localization import Localization as Localization
-from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth as FrameHealth
-from vision_slam.odometry.lens.self_calibration import LensEstimate as LensEstimate
 from vision_slam.odometry.odometer import VisualOdometry as VisualOdometry
+from vision_slam.odometry.self_calibration import LensEstimate as LensEstimate
 from vision_slam.pipeline import localize as localize
 
 __version__: str

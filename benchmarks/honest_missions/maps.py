@@ -26,7 +26,7 @@ from survey.reconstruction.prior import SatelliteErrors
 from survey.reconstruction.terrain_map import CLAIM, Reconstruction
 from survey.scoring import certificate
 from vision_slam import localize
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 
 UNBIASED, REAL, NONE = "unbiased prior, stated so", f"prior with the errors of {PRODUCT}", "no prior"
 PRIORS = (UNBIASED, REAL, NONE)

@@ -28,7 +28,7 @@ from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointMap
 from survey.reconstruction.motion.refinement import refined_motion
 from vision_slam import localize, localize_on_ice
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 
 _Z95 = 1.959964
 # Every so many nodes stand for the map where errors are drawn from its covariance.

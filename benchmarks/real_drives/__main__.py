@@ -47,11 +47,10 @@ from survey.core.errors import FirnlineError
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from vision_slam.drive_estimate import DriveEstimate
-from vision_slam.io.gps_log import GpsLog
-from vision_slam.io.sequence import ImageSequence, georeference
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import localize
+from vision_slam.readers.sequence import GpsLog, ImageSequence, georeference
 
 DRAWS = range(3)
 UTM = "EPSG:32632"

@@ -20,7 +20,7 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.tables import table_file
 from survey.data.surface_points import SurfacePoints
-from vision_slam.io.gps_files import read_gps
+from vision_slam.readers.gps_files import read_gps
 
 _POLL_S = 1.0
 _HEADER = "recording.json"

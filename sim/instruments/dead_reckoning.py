@@ -24,7 +24,7 @@ from sim.vehicle.motion import GRAVITY_M_S2, RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.sensors.aiding import Barometer, Compass, Inertial, Wheels
-from vision_slam.rotation import rotations
+from vision_slam.attitude import rotations
 
 _HOUR_S = 3600.0
 # Standing, turning and standing again take this long each; nothing jolts but the motor's hum.

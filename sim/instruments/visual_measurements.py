@@ -23,7 +23,7 @@ from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
 from survey.data.shared_views import STRETCH_M, far_share
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
-from vision_slam.rotation import rotations
+from vision_slam.attitude import rotations
 
 _MAX_BEARING_RAD = np.radians(70.0)
 # Two visits are of one place when they are this near, and this much driving apart.

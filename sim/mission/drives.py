@@ -33,7 +33,7 @@ from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.epoch import in_fixed_frame, with_age
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 from vision_slam.odometry.odometer import VisualOdometry
 
 DRIVE_FILE = "drive.json"

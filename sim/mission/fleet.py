@@ -40,7 +40,7 @@ from survey.data.sensors.drive_ties import DriveTies
 from survey.reconstruction.joint.drives import SeveralDrives
 
 if TYPE_CHECKING:
-    from vision_slam.places.drive_ties import SeenDrive
+    from vision_slam.places.loop_closures import SeenDrive
 
 
 LOSS_FILE = "losses.json"
@@ -242,7 +242,9 @@ TIES_FILE = "ties.csv"
 
 def find_ties(simulated: Path, localized: Path) -> None:
     """Write the places that rovers with images share."""
-    from vision_slam.places.drive_ties import detect_drive_ties  # here, because OpenCV takes long to import
+    from vision_slam.places.loop_closures import (
+        detect_drive_ties,  # here, because OpenCV takes long to import
+    )
 
     seen = [_seen(place, localized / place.relative_to(simulated)) for place in drive_folders(simulated)]
     drives = [drive for drive in seen if drive is not None]
@@ -254,7 +256,7 @@ def find_ties(simulated: Path, localized: Path) -> None:
 def _seen(simulated: Path, localized: Path) -> "SeenDrive | None":
     """Return images, odometry and path of a drive; None without images."""
     from vision_slam.odometry.onboard import read_visual_odometry
-    from vision_slam.places.drive_ties import SeenDrive
+    from vision_slam.places.loop_closures import SeenDrive
 
     recording, odometry = Recording.read(simulated / "recording"), simulated / "recording" / ONBOARD
     if recording.frames is None or recording.camera is None or not odometry.exists():
@@ -267,7 +269,7 @@ def tied_drives(
     drives: SeveralDrives, paths: Sequence[survey.Trajectory], localized: Path, mission: MissionConfig
 ) -> SeveralDrives:
     """Return the landmarks of all rovers, corrected by the places that they share."""
-    from vision_slam.fusion.drive_ties import tie_drives
+    from vision_slam.fusion.pose_constraints import tie_drives
 
     file = localized / TIES_FILE
     if drives.path is None or not file.exists():

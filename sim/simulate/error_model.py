@@ -28,7 +28,7 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
-from vision_slam.agreement.drive import align_heading
+from vision_slam.agreement.steps import align_heading
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry
 

@@ -27,9 +27,8 @@ from survey.data.sensors.aiding import Inertial
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.readings import Readings
 from vision_slam import LocalizationConfig
-from vision_slam.fusion.hypotheses import GyroTurn
-from vision_slam.fusion.particle_filter import ParticleFilter
-from vision_slam.inertial.gyro import gyro_residual_rad
+from vision_slam.fusion.particle_filter import GyroTurn, ParticleFilter
+from vision_slam.motion import gyro_residual_rad
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import OnboardOdometry, joined
 from vision_slam.odometry.visual_slam import FramePose

@@ -16,7 +16,7 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import SensorRecords
 from survey.data.sensors.sightings import Sightings
 from survey.io.tables import read_table, write_table
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometer, VisualOdometry
 from vision_slam.odometry.visual_slam import FramePose

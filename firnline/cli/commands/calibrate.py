@@ -72,8 +72,8 @@ def calibrate(
     from survey.core.files.writing import replacing
     from survey.figures import png_bytes
     from vision_slam.calibration.calibrate import calibrate as calibrated
-    from vision_slam.calibration.plotting import calibration_figure
-    from vision_slam.io.sequence_files import image_files
+    from vision_slam.calibration.calibrate import calibration_figure
+    from vision_slam.readers.images import image_files
 
     picture = out.with_suffix(".png")
     wanted = _board(board, charuco, square_mm, marker_mm, dictionary)

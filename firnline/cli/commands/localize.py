@@ -15,8 +15,7 @@ from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
     from survey.data.ice.motion import IceMotion
-    from vision_slam.comparison import Comparison
-    from vision_slam.drive_estimate import DriveEstimate
+    from vision_slam.drive_estimate import Comparison, DriveEstimate
     from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -104,7 +103,7 @@ def _write(
         write_localization(folder, estimate)
         write_pictures(folder, pictures_of(estimate, drive.records, drive.gps, comparison))
     if viewer is not None:
-        from vision_slam.viewer import write_rrd
+        from vision_slam.results import write_rrd
 
         write_rrd(viewer, estimate, drive.records)
 

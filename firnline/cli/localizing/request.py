@@ -152,7 +152,7 @@ class LocalizeRequest:
         inputs = (self.source, self.camera, self.gps, self.reference)
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OWN_FILES)
         if self.viewer is not None:
-            from vision_slam.viewer import refuse_without_rerun
+            from vision_slam.results import refuse_without_rerun
 
             refuse_existing([self.viewer], force=self.force, inputs=inputs)
             refuse_without_rerun()

@@ -31,7 +31,7 @@ from survey.reconstruction.observations import (
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from survey.reconstruction.terrain_map import ELEVATION
-from vision_slam.fusion.drive_ties import tie_drives
+from vision_slam.fusion.pose_constraints import tie_drives
 
 
 class PointInputs(NamedTuple):

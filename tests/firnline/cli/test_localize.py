@@ -19,7 +19,7 @@ from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam import recorded_drive
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 from vision_slam.pipeline import localize
 
 

@@ -11,8 +11,8 @@ from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from tests.sim.small_missions import mission_with
-from vision_slam.inertial.gravity import standing_bias
-from vision_slam.inertial.gyro import gyro_residual_rad
+from vision_slam.attitude import standing_bias
+from vision_slam.motion import gyro_residual_rad
 
 CRS = "EPSG:32608"
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), CRS)

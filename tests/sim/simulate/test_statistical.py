@@ -8,7 +8,7 @@ from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, InputError, Leg, Route
 from survey.reconstruction.line_of_sight.returns import checked_origins
 from vision_slam import localize, trajectory_error
-from vision_slam.rotation import rotations
+from vision_slam.attitude import rotations
 
 CRS = "EPSG:32608"
 

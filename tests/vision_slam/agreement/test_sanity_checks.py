@@ -16,9 +16,9 @@ from vision_slam.agreement.sanity_checks import (
     fix_delay_s,
     refuse_swapped_images,
 )
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.rotation import rotations
+from vision_slam.motion import dead_reckoning
 
 SITE = CRS("EPSG:32608")
 CONFIG = LocalizationConfig()

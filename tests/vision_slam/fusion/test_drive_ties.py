@@ -12,7 +12,7 @@ from survey.data.sensors.drive_ties import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.joint.drives import PathCorrection, SeveralDrives
-from vision_slam.fusion.drive_ties import tie_drives
+from vision_slam.fusion.pose_constraints import tie_drives
 
 CRS_ = CRS("EPSG:32608")
 N = 6

@@ -15,13 +15,13 @@ from survey.data.sensors.aiding import (
 )
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.consistency import consistency
+from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path, gate_fixes, predicted_covariance
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import localize
-from vision_slam.rotation import rotations
 
 CONFIG = LocalizationConfig()
 

@@ -12,9 +12,9 @@ from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.stakes import Stakes, StakeSightings
 from vision_slam import LocalizationConfig
+from vision_slam.attitude import rotations
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.rotation import rotations
+from vision_slam.motion import dead_reckoning
 
 CRS = "EPSG:32608"
 LASTING = LocalizationConfig(

@@ -10,8 +10,8 @@ from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from survey.data.sensors.aiding import Inertial, Wheels
-from vision_slam.inertial.motion import MotionSensors, RelativeMotion
-from vision_slam.io.sequence import ImageSequence
+from vision_slam.motion import MotionSensors, RelativeMotion
+from vision_slam.readers.sequence import ImageSequence
 
 
 def _rocking(time_s: FloatArray) -> Rotation:

@@ -15,7 +15,7 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from survey.data.trajectory import Trajectory
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.places.drive_ties import SeenDrive, detect_drive_ties
+from vision_slam.places.loop_closures import SeenDrive, detect_drive_ties
 
 STEP_M, N_POSES = 0.25, 28
 NO_LANDMARKS = Sightings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))

@@ -13,9 +13,8 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
-from vision_slam.places.ground_view import GroundMosaics, GroundView
+from vision_slam.places.ground_view import GroundMosaics, GroundView, match_overlay
 from vision_slam.places.loop_closures import detect_loop_closures
-from vision_slam.places.overlay import match_overlay
 from vision_slam.places.relocalization import match_ground
 
 STEP_M = 0.25

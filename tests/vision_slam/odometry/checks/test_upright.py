@@ -9,8 +9,8 @@ from survey.data.camera.calibration import Camera
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from tests.vision_slam.conftest import mounted
-from vision_slam.odometry.checks.upright import mounting_note
 from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.sensor_checks import mounting_note
 
 _RNG = np.random.default_rng(2)
 _GROUND = np.column_stack(
