@@ -22,9 +22,8 @@ from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from vision_slam.config import LocalizationConfig
 from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import localize

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from benchmarks.honest_missions.missions import SEEDS, driven
 from benchmarks.report import Row, main
 from survey.core.arrays import FloatArray
-from survey.data.camera.frames import Frames
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.sensors.records import Inertial, Wheels
 from survey.data.truth import Truth
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry

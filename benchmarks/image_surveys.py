@@ -22,7 +22,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth

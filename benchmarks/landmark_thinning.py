@@ -20,8 +20,8 @@ from sim.config.mission import MissionConfig
 from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.core.arrays import IntArray
+from survey.data.landmarks import most_informative
 from survey.data.recording import Recording
-from survey.data.thinning import most_informative
 from survey.data.truth import Truth
 
 N_KEPT = 150

@@ -29,7 +29,7 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.path_error import POSE
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.records import Inertial
 from survey.data.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
 from vision_slam.evaluation import consistency

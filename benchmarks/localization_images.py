@@ -20,7 +20,7 @@ from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.trajectory import Trajectory
 from vision_slam.agreement.steps import align_heading
 from vision_slam.config import LocalizationConfig

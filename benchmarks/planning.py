@@ -18,7 +18,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 SPACING_M = 20.0
 HEADING_DEG = 90.0

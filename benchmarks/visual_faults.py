@@ -32,10 +32,9 @@ from sim.simulate.vision import simulate_vision
 from sim.world.site import build_world
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.config import validated
-from survey.data.camera.frames import Frames, Image
-from survey.data.legs import Leg
+from survey.data.frames import Frames, Image
 from survey.data.recording import Recording
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
 from vision_slam.agreement.steps import align_heading
 from vision_slam.config import LocalizationConfig

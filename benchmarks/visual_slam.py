@@ -32,8 +32,8 @@ from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import parts_folder, stored
 from survey.core.arrays import FloatArray
-from survey.data.camera.frames import Frames, Image
 from survey.data.dem import Dem
+from survey.data.frames import Frames, Image
 from survey.data.recording import Recording
 from survey.data.trajectory import Trajectory
 from vision_slam.config import VisualOdometryConfig

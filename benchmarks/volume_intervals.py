@@ -16,7 +16,7 @@ from scipy.fft import irfft2, rfft2
 from benchmarks.change_worlds import Judged, judged
 from benchmarks.report import Row, main
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.map_scale import areal_factors, ground_area_m2
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -68,7 +68,7 @@ def _of_mission(source: Path, folder: Path) -> Workspace:
 
 def _of_run(source: Path, folder: Path) -> Workspace:
     from sim.mission.runs import read_mission
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
     from survey.data.area import SurveyArea
     from survey.data.dem import Dem
 

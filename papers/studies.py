@@ -15,12 +15,10 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from survey.core.arrays import Progress
-from survey.core.documents import read_json
+from survey.core.documents import RECORD, read_json, read_record, write_record
 from survey.core.errors import InputError
-from survey.core.files.exchange import exchange
-from survey.core.files.replacing import lock_folder, refuse_foreign
-from survey.core.files.writing import write_refusal
-from survey.core.runs.manifest import RECORD, read_record, write_record
+from survey.core.files import write_refusal
+from survey.core.replacement import exchange, lock_folder, refuse_foreign
 
 
 class Study(Protocol):

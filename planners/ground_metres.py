@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
-from survey.core.map_scale.factors import NOTABLE, MapScale
+from survey.core.map_scale import NOTABLE, MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 

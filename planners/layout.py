@@ -21,8 +21,7 @@ from planners.swaths.wavy import wavy
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 SwathShape = Callable[[list[FloatArray], float], list[Swath]]
 """Returns what is driven along axes, each (2, 2) [m], that are a spacing [m] apart."""

@@ -11,11 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.data_object import DataObject
+from survey.core.arrays import BoolArray, DataObject, FloatArray
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.motion.epoch import in_fixed_frame

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaincinv
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.trajectory import Trajectory
 

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.sensors.aiding import Inertial, Wheels
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.attitude import chained, quaternion_products, rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.readers.sequence import VisionRecords

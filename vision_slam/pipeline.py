@@ -12,7 +12,7 @@ import numpy as np
 from survey.core.arguments import check_types
 from survey.core.arrays import BoolArray, FloatArray, Progress
 from survey.core.errors import InputError
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
@@ -95,7 +95,7 @@ def localize(
 
     Examples
     --------
-    >>> from survey.data.sensors.aiding import GpsFixes
+    >>> from survey.data.sensors.records import GpsFixes
     >>> times = np.arange(3.0)
     >>> place = np.column_stack([times, np.zeros(3), np.zeros(3)]) + [5e5, 6e6, 100.0]
     >>> survey = Recording("EPSG:32608", place[0], GpsFixes(times, place), antenna_height_m=1.5)

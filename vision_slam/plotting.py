@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
 from vision_slam.attitude import initial_pose
 from vision_slam.config import VisualOdometryConfig

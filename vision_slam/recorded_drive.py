@@ -11,11 +11,11 @@ import numpy as np
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.ice.motion import IceMotion
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.trajectory import Trajectory
 from vision_slam.agreement.sanity_checks import refuse_swapped_images
 from vision_slam.agreement.scale import refuse_untracked

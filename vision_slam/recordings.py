@@ -14,10 +14,10 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import ImageFiles
+from survey.data.camera import Camera
+from survey.data.frames import ImageFiles
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import read_calibration
 from vision_slam.readers.folders import read_sequence

@@ -14,15 +14,14 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
-from survey.core.files.writing import replacing
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.ice.motion_file import ICE_MOTION, write_motion
-from survey.data.sensors.aiding import GpsFixes
+from survey.core.files import replacing
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.ice_motion import ICE_MOTION, write_motion
+from survey.data.sensors.records import GpsFixes
 from survey.figures import error_over_distance, path_map, png_bytes
-from survey.io.pose_files import write_tum
 from survey.io.tables import write_table
-from survey.io.tracks import write_track
+from survey.io.trajectory_files import write_track, write_tum
 from vision_slam.drive_estimate import Comparison, DriveEstimate
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.tracks import grey_of

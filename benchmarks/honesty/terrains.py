@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -35,7 +35,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.interchange.surroundings import Surroundings
+from survey.interchange.missions import Surroundings
 from survey.terrain import random_dem, satellite_copy
 
 SEED = 20_294

@@ -11,8 +11,8 @@ from pyproj import CRS
 
 from benchmarks.report import Row
 from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import projected_crs
+from survey.core.transformation import transformed
 from survey.reconstruction.motion.stakes import predict_position
 from vision_slam.readers.gps_files import read_positions
 

@@ -20,7 +20,7 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.reconstruction.gp.config import GaussianProcessConfig

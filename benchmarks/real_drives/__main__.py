@@ -45,7 +45,7 @@ from benchmarks.stored_parts import parts_folder, stored_rows
 from survey.core.arrays import FloatArray
 from survey.core.errors import FirnlineError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry

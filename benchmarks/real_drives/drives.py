@@ -10,8 +10,8 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.aiding import Wheels
+from survey.data.frames import Frames, Image
+from survey.data.sensors.records import Wheels
 from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.sequence import ImageSequence
 

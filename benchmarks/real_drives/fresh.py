@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.real_drives.drives import Images
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.camera.frames import Frames, Image
+from survey.data.frames import Frames, Image
 from vision_slam.readers.sequence import ImageSequence
 
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])

@@ -11,7 +11,7 @@ from firnline.cli.planning.guarantee import refusal_text, requirement_of
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.result import Guarantee
 from survey.core.errors import ConfigError, InputError
-from survey.core.quantity_text import length_text
+from survey.core.text import length_text
 
 _FACTORS = (0.25, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 _MOST_SWATHS = 120

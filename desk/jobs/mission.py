@@ -13,7 +13,7 @@ from firnline.cli.progress import logged_to
 from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.run_folder import STAGES, RunFolder
 from survey.data.area import SurveyArea
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth

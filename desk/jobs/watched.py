@@ -13,7 +13,7 @@ from desk.runs.layers import layers_of
 from firnline.cli.live.watch_lines import text_of
 from live.watch.log import entered, watch_of
 from live.watch.survey_watch import SurveyWatch
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 

@@ -10,7 +10,7 @@ from pyproj import CRS
 
 from desk.plan.dropped import thinned_points
 from survey.core.errors import ConfigError, InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.scoring import Checkpoints

@@ -11,7 +11,7 @@ from firnline.cli.mapping.options import ReconstructOptions
 from firnline.cli.mapping.outputs import write_map
 from firnline.cli.mapping.points import map_points
 from survey.core.arrays import Progress
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import compare, score_at

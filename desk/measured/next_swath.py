@@ -8,7 +8,7 @@ from planners.guarantee.adaptive import next_swath
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from planners.guarantee.requirement import MapRequirement
 from planners.swaths.heading import across_marked_grain
-from survey.core.quantity_text import length_text
+from survey.core.text import length_text
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route

@@ -9,7 +9,7 @@ from desk.terrain.palette import DEVIATION
 from desk.terrain.pictures import picture
 from firnline.cli.planning.area import AreaPlan
 from planners.prediction.predict import predict_error
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.dem import Dem
 
 _COARSE_NODES_ALONG = 24

@@ -19,8 +19,8 @@ from firnline.cli.rasters import read_about
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.route import Route
+from survey.interchange.missions import Surroundings
 from survey.interchange.route_formats import write_plan
-from survey.interchange.surroundings import Surroundings
 
 _ROUTES = (".geojson", ".gpkg")
 _AREAS = ("area.gpkg", "area.geojson", "area.kml")

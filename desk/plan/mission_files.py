@@ -12,7 +12,7 @@ from desk.plan.live import LivePlan
 from sim.config.mission import MissionConfig
 from survey.core.config import validated
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.data.dem import Dem
 
 _MOST_TERRAIN_CELLS = 4_000_000

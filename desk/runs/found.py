@@ -8,8 +8,8 @@ from firnline.cli.mission_file import best_class
 from survey.core.config import read_toml
 from survey.core.documents import read_json
 from survey.core.errors import FirnlineError, InputError
-from survey.core.quantity_text import length_text
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
+from survey.core.text import length_text
 from survey.data.route import Route
 
 _PATTERNS = ("*_mission/runs/*/*/manifest.json", "runs/*/*/manifest.json", "results/runs/*/*/manifest.json")

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from desk.runs.layers import map_layers
 from sim.mission.fleet import drive_folders
 from survey.core.arrays import IntArray
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid
 from survey.data.route import Route

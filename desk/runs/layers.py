@@ -9,10 +9,10 @@ from pyproj import CRS
 from desk.terrain.palette import DEVIATION, ELEVATION, ERROR, SUPPORT
 from desk.terrain.pictures import picture
 from sim.mission.fleet import drive_folders
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
-from survey.core.quantity_text import round_number
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
+from survey.core.text import round_number
 from survey.data.dem import Dem
 from survey.data.truth import Truth
 from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES, Reconstruction

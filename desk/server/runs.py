@@ -5,7 +5,7 @@ from starlette.responses import JSONResponse, Response
 
 from desk.server.replies import report_file
 from desk.workspace import Workspace
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 
 
 def table(request: Request) -> Response:

@@ -7,7 +7,7 @@ import numpy as np
 
 from desk.terrain.pyramid import ElevationPyramid, Overview
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 
 _MOST_CELLS = 60_000
 _N_INTERVALS = 14.0

@@ -12,11 +12,10 @@ from pyproj import CRS
 
 from desk.terrain.levels import block_means, level_for
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.io.raster import read_window
-from survey.io.raster.georeference import check_transform
-from survey.io.raster.opening import checked_band, opened_dataset
+from survey.io.raster.opening import check_transform, checked_band, opened_dataset
 
 _MOST_CELLS_IN_MEMORY = 4_000_000
 _STRIP_CELLS = 4_000_000

@@ -11,7 +11,7 @@ from desk.terrain.palette import ELEVATION, SLOPE, colour_of
 from desk.terrain.pyramid import ElevationPyramid
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import ConfigError
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 
 Pixels = npt.NDArray[np.uint8]
 

@@ -109,7 +109,7 @@ def _title(name: str) -> str:
 
 def _value(name: str, value: Any) -> str:
     """Return a value with the unit that its name ends in."""
-    from survey.core.quantity_text import duration_text, length_text
+    from survey.core.text import duration_text, length_text
 
     if not isinstance(value, float):
         return str(value)

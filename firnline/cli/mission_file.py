@@ -15,7 +15,7 @@ from sim.mission.runs import open_run, planned_place, read_mission
 from sim.mission.stages import run_mission
 from survey.core.documents import read_json
 from survey.core.errors import InputError
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.run_folder import STAGES, RunFolder
 
 
 def run_until(

@@ -25,15 +25,14 @@ def refuse_existing(
         Every file or folder that the command reads; None stands for an option that was not given.
     own : collection of str
         For output folders: patterns of the files that the command writes there, as for
-        `survey.core.files.replacing.replacing_folder`. Without them all outputs are files.
+        `survey.core.replacement.replacing_folder`. Without them all outputs are files.
 
     Raises
     ------
     InputError
         One sentence that names the output and what to do.
     """
-    from survey.core.files.links import resolved
-    from survey.core.files.replacing import refuse_unwritable
+    from survey.core.replacement import refuse_unwritable, resolved
 
     given = [resolved(path) for path in inputs if path is not None]
     for output in outputs:
@@ -55,7 +54,7 @@ def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
     list of pathlib.Path
         Inputs that exist, each followed by its companions.
     """
-    from survey.io.companions import companion_files
+    from survey.io.dataset_files import companion_files
 
     found: list[Path] = []
     for path in inputs:
@@ -86,7 +85,7 @@ def companions_of_output(output: Path) -> list[Path]:
 
 def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
     from survey.core.errors import InputError
-    from survey.core.files.links import resolved
+    from survey.core.replacement import resolved
 
     place = resolved(output)
     for path in inputs:
@@ -98,7 +97,7 @@ def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
 
 def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:
     from survey.core.errors import InputError
-    from survey.core.files.replacing import refuse_foreign
+    from survey.core.replacement import refuse_foreign
 
     if not os.path.lexists(output):
         return

@@ -15,8 +15,8 @@ _MARGIN_CELLS = 4.0
 
 def own_crs(path: Path) -> "CRS | None":
     """Return the projected CRS that a raster's header names; None where it is in degrees."""
-    from survey.core.crs.checks import projected_crs
-    from survey.core.crs.choice import is_geographic
+    from survey.core.crs import projected_crs
+    from survey.core.transformation import is_geographic
     from survey.io.raster import raster_header
 
     stated = raster_header(path).crs
@@ -35,7 +35,7 @@ def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: boo
     """
     import survey
     from planners.capacity import require_cells
-    from survey.core.crs.agreement import same_crs
+    from survey.core.crs import same_crs
     from survey.io.raster.warping import cell_m
 
     stated = own_crs(path)

@@ -8,7 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     import survey
-    from survey.interchange.surroundings import Surroundings
+    from survey.interchange.missions import Surroundings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ def route_with_surroundings(source: Path, options: RouteOptions) -> "tuple[surve
         In the CRS of the route.
     """
     import survey
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
 
     if not source.is_dir():
         route = read_route(source, options.crs)
@@ -132,7 +132,7 @@ def _surroundings(route: "survey.Route", options: RouteOptions) -> "Surroundings
     import survey
     from firnline.cli.rasters import read_about
     from survey.core.errors import ConfigError
-    from survey.interchange.surroundings import Surroundings
+    from survey.interchange.missions import Surroundings
 
     area, dem, autopilot = options.area, options.dem, options.autopilot
     if autopilot not in (None, "ardupilot", "px4"):

@@ -9,7 +9,7 @@ from live.export.mcap_messages import AT_ORIGIN, McapMessages, packed_points, xy
 from live.watch.log import replayed_states
 from live.watch.survey_watch import SurveyWatch
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 
 _UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 

@@ -8,8 +8,8 @@ from mcap.writer import Writer
 
 from live.export.mcap_messages import AT_ORIGIN, McapMessages, packed_points, xyz
 from sim.mission.fleet import drive_folders
-from survey.core.files.writing import replacing
-from survey.core.runs.store import RunFolder
+from survey.core.files import replacing
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints

@@ -11,7 +11,7 @@ from pyproj import CRS
 
 from live.logs.columns import LogColumns
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file
 from survey.data.recording import Recording
 
 LOG_ENDINGS = (".bin", ".tlog", ".ulg")

@@ -7,13 +7,12 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.choice import chosen_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
+from survey.core.transformation import chosen_crs, transformed
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Compass, GpsFixes, Inertial, Wheels
-from survey.io.degrees import WGS84
+from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
+from survey.io.vector import WGS84
 
 LEAST_FIX = 3
 # Horizontal errors of fixes by their type, where the receiver states none: 3-D, differential, RTK float, RTK fixed [m].

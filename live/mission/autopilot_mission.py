@@ -17,8 +17,7 @@ from live.mission.items import (
 )
 from survey.core.errors import InputError
 from survey.data.route import Route
-from survey.interchange.missions import NAV_WAYPOINT, MissionItem, fence_polygons, mission_items
-from survey.interchange.surroundings import Surroundings
+from survey.interchange.missions import NAV_WAYPOINT, MissionItem, Surroundings, fence_polygons, mission_items
 
 _FRAME_GLOBAL = 0
 _COLUMNS_OF_WPL = 12

@@ -11,13 +11,11 @@ from live.mission.items import MISSION
 from live.mission.limits import n_home_items
 from live.mission.transfer import fetch_items
 from survey.core.arrays import FloatArray, Progress
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.choice import chosen_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.data.route import Route
-from survey.io.degrees import WGS84
+from survey.core.transformation import chosen_crs, transformed
+from survey.data.route import Leg, Route
+from survey.io.vector import WGS84
 
 
 def downloaded_route(

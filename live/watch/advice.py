@@ -13,8 +13,7 @@ from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState
 from planners.guarantee.prediction import MapPrediction
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.reconstruction.gp.kernels import Kernel
 
 

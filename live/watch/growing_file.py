@@ -13,12 +13,11 @@ from pyproj import CRS
 
 from live.watch.sample import Sample
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import equal_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import equal_crs
 from survey.core.errors import InputError
-from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.tables import table_file
+from survey.core.transformation import transformed
+from survey.data.recording import Recording, table_file
+from survey.data.sensors.records import GpsFixes
 from survey.data.surface_points import SurfacePoints
 from vision_slam.readers.gps_files import read_gps
 

@@ -18,7 +18,7 @@ from live.watch.survey_watch import Event, SurveyWatch
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 VERSION = 1
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 # Share of its length by which the way along a leg may be longer or shorter than planned.
 _ODD_SHARE = 0.2

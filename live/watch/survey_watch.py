@@ -16,7 +16,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 Event = dict[str, Any]
 _SITE_MARGIN_M = 200.0

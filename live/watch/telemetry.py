@@ -11,8 +11,8 @@ from pyproj import CRS
 
 from live.link.vehicle import Vehicle
 from live.watch.sample import Sample
-from survey.core.crs.transformation import transformed
-from survey.io.degrees import WGS84
+from survey.core.transformation import transformed
+from survey.io.vector import WGS84
 
 _TYPES = ("GPS_RAW_INT", "SYS_STATUS", "BATTERY_STATUS")
 _LEAST_FIX = 3

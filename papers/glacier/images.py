@@ -28,9 +28,9 @@ from sim.rendering import Renderer
 from sim.simulate.assembly import rover_camera
 from sim.world.fine_terrain import fine_terrain
 from survey.core.arrays import FloatArray, Progress
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.camera.frames import Image, read_image
+from survey.data.frames import Image, read_image
 from survey.data.grid import Grid
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
 from survey.terrain import squared_exponential_field

@@ -21,12 +21,12 @@ from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
 from sim.simulate.simulation import simulate_statistical, with_way_home
 from survey.core.arrays import FloatArray, Progress
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Sightings
 from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.gp.config import JointConfig

@@ -27,9 +27,9 @@ from sim.montecarlo.results import (
 from sim.montecarlo.study import run_study
 from survey import Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled
 from survey.scoring import Coverage
 

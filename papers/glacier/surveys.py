@@ -31,7 +31,7 @@ from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated
 from survey.core.documents import read_json
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.surface_points import SurfacePoints
 from survey.data.truth import Truth
 from survey.figures.errors import height_error

@@ -25,10 +25,9 @@ from sim.simulate.simulation import sensed_attitude, simulate_statistical
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray, Progress
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.surface_points import SurfacePoints
 from survey.figures.layout import add_colour_bar, map_figure
 from survey.figures.map_layers import (

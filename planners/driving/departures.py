@@ -8,7 +8,7 @@ from planners.capacity import require_waypoints
 from planners.driving.energy import Mobility
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 
 def departures(legs: Sequence[Leg], mobility: Mobility, separation_m: float) -> FloatArray:

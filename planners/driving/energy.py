@@ -12,7 +12,7 @@ from survey.core.config import Section
 from survey.core.errors import InputError
 from survey.core.map_scale import ground_lengths_m
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 _GRAVITY_M_S2 = 9.81
 _TURN_RAD = np.radians(30.0)

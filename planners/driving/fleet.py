@@ -14,7 +14,7 @@ from planners.ground.transit import FreeGround
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import ConfigError
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 _LONGEST_ROW = 6
 _MOST_ROUNDS = 60

@@ -7,7 +7,7 @@ from planners.driving.swath_tours import Tours
 from planners.driving.turns import Turning
 from planners.ground.transit import FreeGround
 from survey.core.arrays import FloatArray
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 
 def connect(

@@ -12,8 +12,7 @@ from planners.ground.transit import FreeGround
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.data.dem import Dem
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 _SHORTEST_M = 1.0
 """Pieces of swaths shorter than this are not driven again [m]."""

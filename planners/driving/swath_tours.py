@@ -15,7 +15,7 @@ from planners.swaths.cells import ends_of
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import FirnlineError, InputError
 from survey.core.streams import stream
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 _KICKS_PER_SWATH, _MOST_KICKS, _KICKS_PER_SHARE = 25, 5_000, 200
 _TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 20, 1e6

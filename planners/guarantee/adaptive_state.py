@@ -18,8 +18,7 @@ from planners.guarantee.survey_lines import SurveyLines
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""

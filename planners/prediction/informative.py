@@ -12,7 +12,7 @@ from planners.swaths.swaths import towards
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 
 _MOST_TRIED = 6

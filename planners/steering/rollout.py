@@ -14,8 +14,7 @@ from planners.steering.steering import Steering
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 
 def rollout(

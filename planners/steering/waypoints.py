@@ -13,8 +13,7 @@ from planners.steering.band import Band
 from planners.steering.steering import Steering, SteeringState
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 
 class WaypointSteering:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from survey.core.config import Section, Share
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.reconstruction.motion.priors import uniform_motion
 from survey.reconstruction.prior import ErrorScale, PriorErrors, ProductName, SatelliteErrors
 

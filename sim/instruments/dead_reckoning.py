@@ -23,7 +23,7 @@ from sim.instruments.sensor import Clock, GaussMarkov, RandomWalkNoise, Statisti
 from sim.vehicle.motion import GRAVITY_M_S2, RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.sensors.aiding import Barometer, Compass, Inertial, Wheels
+from survey.data.sensors.records import Barometer, Compass, Inertial, Wheels
 from vision_slam.attitude import rotations
 
 _HOUR_S = 3600.0

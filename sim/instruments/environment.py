@@ -18,8 +18,8 @@ from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
-from survey.data.sensors.aiding import Weather
 from survey.data.sensors.payload import PayloadLog
+from survey.data.sensors.records import Weather
 from survey.data.truth import Truth
 
 

@@ -23,7 +23,7 @@ from sim.instruments.sensor import (
 from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 
 
 class GpsProfile(NamedTuple):

@@ -19,9 +19,7 @@ from sim.vehicle.motion import exact_drive
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
-from survey.data.scans.lidar_scans import LidarScans, minute_of, n_minutes
-from survey.data.scans.returns import LidarReturns
-from survey.data.scans.scanner import Scanner
+from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner, minute_of, n_minutes
 from survey.data.trajectory import Trajectory
 
 _FLAT = 1e-12

@@ -37,8 +37,7 @@ from sim.instruments.visual_measurements import (
     draw_stakes,
 )
 from sim.vehicle.motion import RoverMotion
-from survey.data.sensors.readings import Readings
-from survey.data.sensors.tables import table_types
+from survey.data.recording import Readings, table_types
 
 SENSORS = (
     Sensor(

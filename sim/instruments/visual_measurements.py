@@ -15,12 +15,10 @@ from sim.world.moving_ice import MovingIce
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
+from survey.data.landmarks import STRETCH_M, far_share
 from survey.data.route import Route
-from survey.data.sensors.loop_closures import LoopClosures
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
 from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
-from survey.data.shared_views import STRETCH_M, far_share
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam.attitude import rotations

@@ -15,7 +15,7 @@ from sim.config.mission import MissionConfig
 from sim.instruments.environment import PayloadField
 from sim.mission.fleet import drive_folders
 from survey.core.documents import write_json
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.data.truth import Truth
 from survey.reconstruction.hazards import BASE_M, hazard_grid, slope_hazard

@@ -25,9 +25,8 @@ from sim.world.moving_ice import assumed_motion, epoch_of
 from sim.world.site import World
 from survey.core.documents import write_json
 from survey.core.streams import stream
-from survey.data.ice.motion_file import ICE_MOTION, read_motion, write_motion
-from survey.data.recording import Recording
-from survey.data.sensors.tables import table_file
+from survey.data.ice_motion import ICE_MOTION, read_motion, write_motion
+from survey.data.recording import Recording, table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.epoch import in_fixed_frame, with_age

@@ -34,9 +34,9 @@ from sim.world.site import World, build_world
 from survey.core.documents import read_json, write_json
 from survey.core.executors import run_all
 from survey.core.streams import stream
-from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.sensors.drive_ties import DriveTies
+from survey.data.route import Leg
+from survey.data.sensors.odometry import DriveTies
 from survey.reconstruction.joint.drives import SeveralDrives
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from survey.core.config import validated, with_overrides
 from survey.core.documents import read_json, write_json
 from survey.core.errors import FirnlineError
 from survey.core.executors import Engine, run_all
-from survey.core.files.writing import replacing
-from survey.core.runs.store import RunFolder
+from survey.core.files import replacing
+from survey.core.run_folder import RunFolder
 from survey.core.streams import stream
 from survey.data.route import Route
 from survey.figures import png_bytes

@@ -17,7 +17,7 @@ from sim.mission.fleet import LOSS_FILE, drive_folders, n_ties
 from sim.simulate.simulated_drive import animated
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.sensors.payload import Quantity
 from survey.data.truth import Truth

@@ -27,14 +27,13 @@ from sim.config.world import DemTerrain, RandomTerrain
 from sim.mission.capacity import require_mission
 from survey.core.arguments import check_types
 from survey.core.config import read_toml, refuse_newer_schema, validated, with_overrides
+from survey.core.documents import file_sha256
 from survey.core.errors import InputError
-from survey.core.files.links import resolved
-from survey.core.files.reading import existing_file
-from survey.core.files.replacing import refuse_unwritable
-from survey.core.runs.manifest import file_sha256
-from survey.core.runs.store import RunFolder
+from survey.core.files import existing_file
+from survey.core.replacement import refuse_unwritable, resolved
+from survey.core.run_folder import RunFolder
 from survey.core.text import printable
-from survey.io.companions import companion_files
+from survey.io.dataset_files import companion_files
 
 
 def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:

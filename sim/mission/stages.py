@@ -26,7 +26,7 @@ from sim.world.moving_ice import in_ice_order, write_on_ice
 from sim.world.site import build_world
 from survey.core.arguments import check_types
 from survey.core.documents import write_json
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.run_folder import STAGES, RunFolder
 from survey.data.truth import Truth
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.policy import map_landmarks

@@ -23,14 +23,12 @@ from matplotlib.figure import Figure
 
 from sim.montecarlo.config import StudyConfig, Trial, TrialBlock, as_columns
 from survey.core.arrays import FloatArray
-from survey.core.checksum import checksum
 from survey.core.errors import InputError
-from survey.core.files.library_messages import first_line
-from survey.core.files.reading import existing_file
-from survey.core.files.writing import replacing
+from survey.core.files import existing_file, first_line, replacing
 from survey.core.streams import stream
 from survey.core.text import csv_cell
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
+from survey.io.arrays_file import checksum
 from survey.reporting.quantities import number, percent
 from survey.reporting.rendering import Picture, picture_of, rendered
 from survey.scoring.standards.map_classes import map_classes

@@ -39,7 +39,7 @@ from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
 from survey.reconstruction.policy import map_landmarks
 from survey.terrain import ice_micro_relief, random_dem
-from survey.terrain.conditional import CoarseCells, ConditionalTerrain
+from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 from vision_slam import localize
 
 _WITH_LENGTH = ("squared-exponential", "matern-3/2", "matern-5/2")

@@ -34,8 +34,8 @@ from sim.world.appearance import sun_direction
 from sim.world.fine_terrain import FineTerrain, band_limited_field
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 
 HAZE_RADIANCE = 0.92
 _COLUMNS, _ROWS = 1024, 640

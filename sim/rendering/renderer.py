@@ -70,8 +70,8 @@ from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, 
 from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 
 _ROWS_AT_ONCE = 8
 _FARTHEST_M = 3000.0

@@ -23,8 +23,8 @@ from sim.vehicle.rover import ContactRover
 from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 
 
 class PoseAt(Protocol):

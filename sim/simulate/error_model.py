@@ -22,7 +22,7 @@ from sim.config.mission import SensorConfig
 from sim.simulate.simulated_drive import ONBOARD
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory

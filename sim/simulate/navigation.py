@@ -14,8 +14,8 @@ from planners.steering.attitude import Attitude
 from planners.steering.waypoints import WaypointSteering
 from sim.vehicle.pursuit import PurePursuit
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.readings import Readings
+from survey.data.camera import Camera
+from survey.data.recording import Readings
 from vision_slam.odometry.odometer import VisualOdometry
 
 

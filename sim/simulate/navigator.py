@@ -23,9 +23,9 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.executors import FAILED_TO_START, UNGUARDED, settled
 from survey.core.streams import stream
-from survey.data.sensors.aiding import Inertial
+from survey.data.recording import Readings
 from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.readings import Readings
+from survey.data.sensors.records import Inertial
 from vision_slam import LocalizationConfig
 from vision_slam.fusion.particle_filter import GyroTurn, ParticleFilter
 from vision_slam.motion import gyro_residual_rad

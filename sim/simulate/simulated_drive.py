@@ -22,8 +22,8 @@ from sim.world.hazards import Hazard
 from survey.core.arrays import FloatArray
 from survey.core.documents import write_json
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
-from survey.data.camera.frames import Frames, Image
+from survey.core.files import replacing
+from survey.data.frames import Frames, Image
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_tum_list

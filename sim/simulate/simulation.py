@@ -44,15 +44,14 @@ from sim.vehicle.motion import exact_drive, poses_at_rest
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from survey.core.arguments import check_types
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import ConfigError, InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.route import Route
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.route import Leg, Route
+from survey.data.sensors.records import GpsFixes
 from survey.data.truth import Truth
 
 logger = logging.getLogger(__name__)

@@ -33,12 +33,10 @@ from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.moving_ice import epoch_of, moving_ice
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.frame_writer import FrameWriter
-from survey.data.camera.frames import Frames
 from survey.data.dem import Dem
-from survey.data.recording import Recording
+from survey.data.frames import Frames, FrameWriter
+from survey.data.recording import Readings, Recording
 from survey.data.route import Route
-from survey.data.sensors.readings import Readings
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam.odometry.odometer import VisualOdometry

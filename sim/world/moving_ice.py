@@ -26,13 +26,12 @@ from sim.config.mission import MissionConfig
 from sim.config.world import IceAssumptions, IceConfig
 from sim.world.site import World
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
-from survey.data.ice.motion import IceMotion
-from survey.data.legs import Leg
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.motion.epoch import route_on_ice
 from survey.reconstruction.motion.priors import VelocityRasters, motion_from_rasters

@@ -17,19 +17,16 @@ from scipy.ndimage import distance_transform_edt
 from sim.config.mission import MissionConfig
 from sim.config.world import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
 from survey import terrain as landforms
-from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.choice import is_geographic
-from survey.core.crs.vertical_datum import same_vertical_datum
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray
+from survey.core.crs import projected_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.streams import stream
+from survey.core.transformation import is_geographic
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.io.raster import Raster, raster_header, reprojected
-from survey.terrain.product import ProductErrors, product_copy
-from survey.terrain.satellite import SatelliteDem
+from survey.terrain.satellite import ProductErrors, SatelliteDem, product_copy
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
 from survey.figures.map_layers import along
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, PRIOR, REFERENCE, styled

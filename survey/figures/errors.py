@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -27,7 +27,7 @@ from pyproj import CRS
 
 from survey.core.arrays import Bounds
 from survey.core.map_scale import MapScale
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.style import INK, VEIL, page_image, styled

@@ -22,11 +22,10 @@ from scipy.ndimage import distance_transform_edt
 from shapely import MultiPolygon, Polygon, get_coordinates, get_parts
 
 from survey.core.arrays import FloatArray
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.figures.style import DEVIATION, ELEVATION, INK, MUTED, NO_GO, ROVERS
 
 _CASING = [patheffects.withStroke(linewidth=3.2, foreground="white")]

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.data.route import Route
 from survey.figures.layout import (

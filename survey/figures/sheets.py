@@ -20,14 +20,13 @@ from matplotlib.image import AxesImage
 from shapely import Polygon
 
 from survey.core.arrays import Bounds
-from survey.core.crs.checks import crs_text
-from survey.core.crs.transformation import transformed
+from survey.core.crs import crs_text
 from survey.core.map_scale import ground_area_m2, ground_length_m
-from survey.core.quantity_text import area_text, duration_text, energy_text, length_text, place_text
+from survey.core.text import area_text, duration_text, energy_text, length_text, place_text
+from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.figures.layout import MapFigure, draw_scale_and_north
 from survey.figures.map_layers import (
     draw_area,
@@ -42,7 +41,7 @@ from survey.figures.map_layers import (
 )
 from survey.figures.page_layout import Column, Page
 from survey.figures.style import ELEVATION, INK, styled
-from survey.io.degrees import WGS84
+from survey.io.vector import WGS84
 
 
 class RoverEffort(NamedTuple):

@@ -1,7 +1,7 @@
 """Public names and the modules that define them."""
 
-from survey.data.ice.motion import IceMotion as IceMotion
-from survey.data.sensors.stake_files import read_stake_surveys as read_stake_surveys
+from survey.data.ice_motion import IceMotion as IceMotion
+from survey.data.sensors.stakes import read_stake_surveys as read_stake_surveys
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain as GaussianProcessTerrain
 from survey.reconstruction.gp.mean import ConstantMean as ConstantMean

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray, IntArray
 from survey.core.weighted_chi_square import WeightedChiSquare
 
 LEVEL = 0.01

@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arguments import check_types
 from survey.core.config import Section
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

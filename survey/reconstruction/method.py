@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
 
-from survey.core.arrays import Bounds, Progress
+from survey.core.arrays import Bounds, Progress, ReadOnlyMapping
 from survey.core.config import Section
-from survey.core.mappings import ReadOnlyMapping
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

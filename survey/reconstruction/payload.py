@@ -26,13 +26,13 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.sensors.payload import PayloadLog
 from survey.data.trajectory import Trajectory
-from survey.io.raster.netcdf import write_netcdf
+from survey.io.raster.writing import write_netcdf
 from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential, Stationary
 from survey.reconstruction.terrain_map import Reconstruction, support_codes
 

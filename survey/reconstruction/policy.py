@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from survey.core.arrays import Progress
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -14,19 +14,15 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import FloatArray, frozen
-from survey.core.crs.agreement import same_crs
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray, ReadOnlyMapping, frozen
+from survey.core.crs import same_crs
+from survey.core.documents import is_intact, with_checksum
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
-from survey.core.files.writing import replacing
-from survey.core.mappings import ReadOnlyMapping
-from survey.core.runs.manifest import is_intact, with_checksum
-from survey.data.conversions import to_dataset
+from survey.core.files import existing_file, replacing
+from survey.data.conversions import draw_raster, html_table, to_dataset, value_range
 from survey.data.dem import Dem
-from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import read_raster, write_raster
-from survey.io.raster.categories import write_categories
+from survey.io.raster.writing import write_categories
 from survey.reconstruction.checks import PredictiveCheck, RmseClaim
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from pyproj import CRS
 from scipy.spatial import Delaunay, cKDTree
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.crs import UNSTATED, same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
-from survey.core.files.replacing import replacing_folder
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
+from survey.core.replacement import replacing_folder
 from survey.core.text import csv_cell
 from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page
 from survey.figures.sheets import pdf_bytes

@@ -13,7 +13,7 @@ import numpy as np
 from survey import figures
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot

@@ -19,7 +19,7 @@ from matplotlib.colors import Colormap, to_hex, to_rgb
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.figures.maps import SUPPORT
 from survey.figures.style import DEVIATION, ELEVATION, INK, NO_GO, ROVERS
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
-from survey.core.arrays import FloatArray
-from survey.core.mappings import ReadOnlyMapping
+from survey.core.arrays import FloatArray, ReadOnlyMapping
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route

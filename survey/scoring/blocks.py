@@ -17,14 +17,13 @@ from affine import Affine
 from scipy.special import ndtri
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.core.crs.agreement import agreed_crs, same_crs
-from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum, vertical_datum_of
+from survey.core.crs import UNSTATED, agreed_crs, same_crs, same_vertical_datum, vertical_datum_of
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.raster import opened_raster, read_window, stated_datum
-from survey.io.raster.unmarked_cells import Extremes
+from survey.io.raster.values import Extremes
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage, NodeCounts, counted, nodes_beyond
 from survey.scoring.scores import Score

@@ -17,11 +17,11 @@ import shapely
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.core.text import printable
+from survey.core.transformation import transformed
 from survey.io.file_kinds import VECTOR_SUFFIXES
-from survey.io.raster.categories import read_codes
+from survey.io.raster.writing import read_codes
 from survey.io.vector import Features, read_features
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 

@@ -19,8 +19,7 @@ from survey.core.errors import InputError
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import RouteSamples
-from survey.data.route import Route
+from survey.data.route import Route, RouteSamples
 
 # A sample on the edge between two cells counts for the north-eastern one whatever the rounding.
 _SLACK_CELLS = 1e-6

@@ -15,14 +15,12 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from survey.core.arguments import check_types
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
-from survey.core.data_object import DataObject
+from survey.core.arrays import BoolArray, DataObject, FloatArray
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
+from survey.data.conversions import html_table
 from survey.data.dem import Dem
-from survey.data.plots import html_table
 from survey.data.route import Route
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics

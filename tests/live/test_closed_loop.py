@@ -17,8 +17,8 @@ from live.watch.survey_watch import SurveyWatch
 from live.watch.telemetry import TelemetryReader, buffered_entries, telemetry_entries
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from survey import Dem, Grid, Route, SurveyArea
-from survey.data.legs import Leg
-from survey.interchange.surroundings import Surroundings
+from survey.data.route import Leg
+from survey.interchange.missions import Surroundings
 
 CRS, WEST, SOUTH, SIDE_M = "EPSG:32608", 526_000.0, 6_478_000.0, 100.0
 AREA = SurveyArea.rectangle((WEST, SOUTH, WEST + SIDE_M, SOUTH + SIDE_M), CRS)

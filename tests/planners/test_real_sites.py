@@ -15,11 +15,11 @@ from planners.ground.transit import FreeGround
 from planners.ground.traversability import RoverLimits, drivable
 from planners.swaths.decomposition import swaths_on, unswept
 from planners.swaths.heading import heading_by
-from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
+from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.io.vector import read_features
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))

@@ -30,7 +30,7 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 _spec = importlib.util.spec_from_file_location("random_sites", Path(__file__).parent / "random_sites.py")
 assert _spec is not None

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import rotations
 from vision_slam.drive_estimate import DriveEstimate, compare_from_start
 from vision_slam.odometry.health import FrameHealth

@@ -11,12 +11,11 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from tests.vision_slam.conftest import PlaneWorld
 from vision_slam import LocalizationConfig, localize
 from vision_slam.agreement.steps import align_heading

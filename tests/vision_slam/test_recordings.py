@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.aiding import Wheels
+from survey.data.camera import Camera
+from survey.data.sensors.records import Wheels
 from survey.data.trajectory import Trajectory
 from vision_slam.recorded_drive import RecordedDrive
 from vision_slam.recordings import open_recording

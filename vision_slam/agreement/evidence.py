@@ -13,8 +13,8 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.error_terms import stated_errors

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.motion import dead_reckoning

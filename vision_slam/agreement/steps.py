@@ -12,8 +12,8 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import OdometryRecording, Recording
-from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
 from vision_slam.agreement.evidence import (
     Agreement,
     agrees_better_delayed,

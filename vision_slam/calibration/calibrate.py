@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import BoolArray, FloatArray, Progress
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
-from survey.data.camera.calibration import Camera
+from survey.core.files import replacing
+from survey.data.camera import Camera
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, styled
 from vision_slam.calibration.boards import Board, BoardView
 from vision_slam.calibration.fit import (

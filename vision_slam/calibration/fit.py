@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.library_messages import first_line
+from survey.core.files import first_line
 from vision_slam.calibration.boards import BoardView
 
 Model = Literal["pinhole", "fisheye"]

@@ -12,8 +12,8 @@ import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.recording import OdometryRecording, Recording
-from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
 from vision_slam.attitude import gravity_tilt, initial_heading, rotations, standing_bias, turned
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.normal_equations import (

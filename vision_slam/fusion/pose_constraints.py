@@ -16,7 +16,7 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.drive_ties import DriveTies
+from survey.data.sensors.odometry import DriveTies
 from survey.data.sensors.stakes import Stakes
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory

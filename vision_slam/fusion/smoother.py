@@ -42,13 +42,12 @@ from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_rows import motion_rows
-from survey.data.path_error import POSE, PathError
+from survey.data.ice_motion import IceMotion
+from survey.data.landmarks import most_informative
+from survey.data.path_error import POSE, PathError, motion_rows
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.surface_points import SurfacePoints
-from survey.data.thinning import most_informative
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.error_terms import Nodes, add_terms

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera.frames import Image
+from survey.data.frames import Image
 from vision_slam.readers.sequence import VisionRecords
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more

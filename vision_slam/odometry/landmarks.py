@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.sightings import Sightings
+from survey.data.camera import Camera
+from survey.data.sensors.odometry import Sightings
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track
 

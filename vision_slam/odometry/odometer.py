@@ -4,12 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.data_object import DataObject
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray
+from survey.data.camera import Camera
+from survey.data.frames import Image
+from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import initial_pose, rotations, world_attitudes
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import MotionSensors

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
 

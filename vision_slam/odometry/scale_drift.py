@@ -14,8 +14,8 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.sensors.aiding import Wheels
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Sightings
+from survey.data.sensors.records import Wheels
 from vision_slam.odometry.health import FrameHealth
 
 # Relative errors over one metre: of scale drift, of the scale by wheels, and of that by the height of the camera.

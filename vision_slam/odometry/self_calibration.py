@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.data_object import DataObject
-from survey.data.camera.calibration import Camera
+from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray
+from survey.data.camera import Camera
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.bundle_adjustment import (
     Adjusted,

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
+from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import ContrastEnhancer, detect, epipolar_motion, grey_of, track_corners
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.frames import Image
+from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 
 _SHARES = np.linspace(0.05, 0.95, 19)

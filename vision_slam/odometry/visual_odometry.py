@@ -6,8 +6,8 @@ import numpy as np
 
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.bundle_adjustment import LensChange
 from vision_slam.odometry.health import WithoutWheels, wheels_are_idle

@@ -6,8 +6,8 @@ import gtsam
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.bundle_adjustment import Window, half_turned

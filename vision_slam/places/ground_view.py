@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
+from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import rotations
 from vision_slam.odometry.tracks import grey_of
 

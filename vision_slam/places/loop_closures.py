@@ -18,11 +18,10 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.drive_ties import DriveTies
-from survey.data.sensors.loop_closures import LoopClosures
+from survey.data.sensors.odometry import DriveTies, LoopClosures
 from survey.data.trajectory import Trajectory
 from vision_slam.attitude import rotations
 from vision_slam.motion import dead_reckoning

@@ -17,11 +17,11 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.crs.vertical_datum import ELLIPSOIDAL
+from survey.core.crs import ELLIPSOIDAL
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
+from survey.data.sensors.records import Inertial, Wheels
 from survey.interchange.bags import opened_bag
 from vision_slam.readers.images import FORWARD, bits_used, decoded, eight_bits, scaling_note
 from vision_slam.readers.sequence import GpsLog, ImageSequence

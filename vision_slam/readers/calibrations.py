@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.readers.images import FORWARD, read_text
 
 _FISHEYE = {"equidistant", "fisheye", "kannalabrandt8"}

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.aiding import Inertial
-from survey.io.pose_files import read_tum
+from survey.core.files import existing_file
+from survey.data.camera import Camera
+from survey.data.sensors.records import Inertial
+from survey.io.trajectory_files import read_tum
 from vision_slam.readers.images import (
     FORWARD,
     assemble_sequence,

@@ -14,9 +14,9 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, ImageFiles
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames, ImageFiles
+from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.datasets import (
     KITTI_IMAGES,
     raw_camera_folder,

@@ -16,15 +16,10 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.core.files.library_messages import first_line
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file, first_line
 from survey.core.text import printable
-from survey.io.tables import read_table
-from survey.io.text_tables.angles import Axis
-from survey.io.text_tables.clock_numbers import refuse_clock_numbers
-from survey.io.text_tables.delimited import TextTable, read_text_table
-from survey.io.text_tables.hemispheres import refuse_hemispheres
-from survey.io.text_tables.spellings import (
+from survey.io.column_names import (
+    OWN_NAMES,
     ColumnNames,
     axis_of,
     metres_factor,
@@ -33,8 +28,9 @@ from survey.io.text_tables.spellings import (
     parsed_columns,
     renamed_header,
 )
-from survey.io.text_tables.usual_names import OWN_NAMES
-from survey.io.tracks import read_gpx
+from survey.io.tables import read_table
+from survey.io.text_tables import Axis, TextTable, read_text_table, refuse_clock_numbers, refuse_hemispheres
+from survey.io.trajectory_files import read_gpx
 from vision_slam.readers.receiver_logs import SYNC, read_gnss_logger, read_nmea, read_ublox
 from vision_slam.readers.sequence import WGS84, GpsLog, ReceiverFixes, axis_sigma_m, usable
 

@@ -20,10 +20,10 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.aiding import Inertial
+from survey.core.files import existing_file
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
+from survey.data.sensors.records import Inertial
 from vision_slam.readers.photos import natural_key, read_photo
 from vision_slam.readers.sequence import ImageSequence
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.library_messages import first_line
-from survey.data.camera.calibration import Camera
+from survey.core.files import first_line
+from survey.data.camera import Camera
 from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 
 _STAMP = re.compile(

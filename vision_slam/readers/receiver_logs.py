@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.vertical_datum import ELLIPSOIDAL
+from survey.core.crs import ELLIPSOIDAL
 from survey.core.errors import InputError
 from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 

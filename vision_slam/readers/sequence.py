@@ -14,20 +14,13 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray, checked
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.choice import chosen_crs
-from survey.core.crs.transformation import transformed
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.crs import UNSTATED, projected_crs
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.core.transformation import chosen_crs, transformed
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import (
-    Compass,
-    GpsFixes,
-    Inertial,
-    Wheels,
-)
+from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
 
 _RADIUS_OF_68_PERCENT = 1.51
 

@@ -69,7 +69,7 @@ def calibrate(
     """
     from firnline.cli.outputs import refuse_existing
     from firnline.cli.progress import counted
-    from survey.core.files.writing import replacing
+    from survey.core.files import replacing
     from survey.figures import png_bytes
     from vision_slam.calibration.calibrate import calibrate as calibrated
     from vision_slam.calibration.calibrate import calibration_figure

@@ -35,7 +35,7 @@ def change(request: ChangeRequest) -> None:
     """
     import json
 
-    from survey.core.files.replacing import replacing_folder
+    from survey.core.replacement import replacing_folder
     from survey.figures.maps import change_map
     from survey.figures.style import png_bytes
     from survey.scoring.change.files import change_facts, write_change

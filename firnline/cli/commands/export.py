@@ -18,7 +18,7 @@ from firnline.cli.route_source import RouteOptions, route_with_surroundings
 
 if TYPE_CHECKING:
     import survey
-    from survey.interchange.surroundings import Surroundings
+    from survey.interchange.missions import Surroundings
 
 _MISSIONS = (".plan", ".waypoints")
 
@@ -86,8 +86,7 @@ def export(request: ExportRequest) -> None:
 
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
-    from survey.interchange.content import kind_of
-    from survey.interchange.convert import convert
+    from survey.interchange.conversion import convert, kind_of
 
     request.check()
     source, out = request.source, request.out

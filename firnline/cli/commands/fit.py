@@ -25,7 +25,7 @@ def fit(
 
     from sim.config.mission import SensorConfig
     from sim.simulate.error_model import errors_of, fitted
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
 
     found = fitted([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
     usual = SensorConfig().model_dump(mode="json")

@@ -32,8 +32,8 @@ def init(
 
     from firnline.cli.outputs import refuse_existing
     from sim.mission.runs import mission_template
-    from survey.core.files.links import resolved
-    from survey.core.files.writing import replacing
+    from survey.core.files import replacing
+    from survey.core.replacement import resolved
     from survey.data.dem import Dem
 
     refuse_existing([path], force=force, inputs=[dem])

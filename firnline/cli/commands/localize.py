@@ -14,7 +14,7 @@ from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
-    from survey.data.ice.motion import IceMotion
+    from survey.data.ice_motion import IceMotion
     from vision_slam.drive_estimate import Comparison, DriveEstimate
     from vision_slam.recorded_drive import RecordedDrive
 
@@ -96,7 +96,7 @@ def _write(
     comparison: "Comparison | None",
 ) -> None:
     """Write files and pictures, and the file of rerun's viewer where it is asked for."""
-    from survey.core.files.replacing import replacing_folder
+    from survey.core.replacement import replacing_folder
     from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
 
     with replacing_folder(out, own=OWN_FILES) as folder:

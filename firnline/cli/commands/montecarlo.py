@@ -68,7 +68,7 @@ def _print_results(folder: Path, page: Path, *, as_json: bool) -> None:
     import csv
     import json
 
-    from survey.core.runs.manifest import read_record
+    from survey.core.documents import read_record
 
     read_record(folder)
     with (folder / "minimum_swaths.csv").open(encoding="utf-8", newline="") as file:

@@ -32,7 +32,7 @@ def report(request: ReportRequest) -> None:
     """
     from firnline.cli.mission_file import print_summary, run_until
     from survey.core.errors import InputError
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
 
     if request.source.suffix == ".toml":
         _, run = run_until(request.source, "report", request)

@@ -45,7 +45,7 @@ def run(request: RunRequest) -> None:
     """
     from firnline.cli.mission_file import class_met, print_summary, run_until, summary
     from survey.core.errors import ConfigError
-    from survey.core.runs.store import STAGES
+    from survey.core.run_folder import STAGES
 
     for stage in (request.first, request.until):
         if stage is not None and stage not in STAGES:

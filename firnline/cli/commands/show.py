@@ -26,8 +26,8 @@ def show(
       firnline show results/runs/srtm-ridge
     """
     from firnline.cli.mission_file import print_summary
-    from survey.core.runs.log import read_log
-    from survey.core.runs.store import STAGES, RunFolder
+    from survey.core.documents import read_log
+    from survey.core.run_folder import STAGES, RunFolder
 
     folder = RunFolder.find(run)
     done = [stage for stage in STAGES if folder.has(stage)]

@@ -113,7 +113,7 @@ def library_findings() -> list[Finding]:
     import pyproj
     import rasterio
 
-    from survey.core.crs.transformation import lacking_grids
+    from survey.core.transformation import lacking_grids
 
     datums = [
         Finding(

@@ -75,7 +75,7 @@ def examples_folder() -> Path:
 
 def _copy(file: Path, target: Path, *, force: bool, dry_run: bool) -> None:
     from firnline.cli.outputs import refuse_existing
-    from survey.core.files.writing import replacing
+    from survey.core.files import replacing
 
     refuse_existing([target], force=force, inputs=[file])
     if dry_run:

@@ -64,8 +64,8 @@ def _formats() -> str:
     from survey.interchange.route_readers import READERS
     from survey.interchange.route_writers import WRITERS
     from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
-    from survey.io.points.formats import READ_ENDINGS as POINTS
-    from survey.io.points.formats import WRITERS as POINT_WRITERS
+    from survey.io.point_files import READ_ENDINGS as POINTS
+    from survey.io.point_files import WRITERS as POINT_WRITERS
 
     rows = {
         "elevation rasters, read": ", ".join(RASTER_DRIVERS),

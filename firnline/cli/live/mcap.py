@@ -17,7 +17,7 @@ def export_mcap(source: Path, out: Path) -> None:
     out : pathlib.Path
         Ends in ``.mcap``.
     """
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
 
     with needs_live_extra():
         from live.export.drive_mcap import write_drive_mcap

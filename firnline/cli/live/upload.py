@@ -82,7 +82,7 @@ def upload(request: UploadRequest) -> None:
 def _mission(request: UploadRequest) -> "AutopilotMission":
     """Read the mission of one rover."""
     from live.mission.autopilot_mission import AutopilotMission
-    from survey.core.files.reading import existing_file
+    from survey.core.files import existing_file
     from survey.interchange.route_formats import part_of_rover
 
     if request.source.suffix.lower() in _MISSION_FILES:

@@ -211,7 +211,7 @@ def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) ->
     source, crs = str(request.source), watching.area.crs
     if "://" not in source:
         from live.watch.growing_file import file_entries
-        from survey.core.files.reading import existing_file
+        from survey.core.files import existing_file
 
         file = Path(source) if Path(source).is_dir() else existing_file(source, "the samples")
         return file_entries(file, crs, follows=not request.once)

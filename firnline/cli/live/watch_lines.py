@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from survey.core.quantity_text import duration_text
+from survey.core.text import duration_text
 
 
 def text_of(entry: dict[str, Any]) -> str:

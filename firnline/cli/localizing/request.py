@@ -11,7 +11,7 @@ from firnline.cli.options import DryRun, Json, Quiet, columns_option, epoch_opti
 _ICE = "ice."
 
 if TYPE_CHECKING:
-    from survey.data.ice.motion import IceMotion
+    from survey.data.ice_motion import IceMotion
     from vision_slam.recorded_drive import RecordedDrive
 
 

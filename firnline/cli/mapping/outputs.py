@@ -10,9 +10,8 @@ import typer
 
 import survey
 from firnline.cli.facts import fact_line, figure_lines
-from survey.core.files.replacing import replacing_folder
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_file import ICE_MOTION, write_motion
+from survey.core.replacement import replacing_folder
+from survey.data.ice_motion import ICE_MOTION, IceMotion, write_motion
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.terrain_map import ELEVATION
 

@@ -12,11 +12,10 @@ from firnline.cli.mapping.outputs import MadeMap
 from firnline.cli.progress import counted
 from firnline.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_file import read_motion
-from survey.data.sensors.drive_ties import DriveTies
-from survey.interchange.sensor_scans import read_sensor_scans
-from survey.io.text_tables.spellings import parsed_columns
+from survey.data.ice_motion import IceMotion, read_motion
+from survey.data.sensors.odometry import DriveTies
+from survey.interchange.scans import read_sensor_scans
+from survey.io.column_names import parsed_columns
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.mapping import within
 from survey.reconstruction.method import MappedTerrain

@@ -4,7 +4,7 @@ import survey
 from firnline.cli.mapping.inputs import MapRequest
 from firnline.cli.mapping.outputs import MadeMap
 from firnline.cli.progress import counted
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.interchange.scans import SensorPath, read_scans, scan_files
 from survey.reconstruction.mapping import within

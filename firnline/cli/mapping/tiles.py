@@ -14,10 +14,10 @@ from firnline.cli.mapping.options import ReconstructOptions
 from firnline.cli.progress import counted
 from firnline.cli.rasters import read_about
 from survey.core.config import Section, validated, with_overrides
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.executors import open_workers
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file
 from survey.reconstruction.tiled.global_parameters import coarse_nodes
 from survey.reconstruction.tiled.job import Control, TiledConfig, TiledJob, disk_bytes, fingerprint, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles, prior_on_nodes
@@ -82,7 +82,7 @@ def _refuse_unused(options: ReconstructOptions) -> None:
 
 def _prepare(options: ReconstructOptions) -> None:
     """Refuse a finished map in the folder, or foreign files; remove what is there with --force."""
-    from survey.core.files.replacing import refuse_foreign
+    from survey.core.replacement import refuse_foreign
 
     refuse_foreign(options.out, OWN_FILES)
     if options.force and options.out.exists() and not options.dry_run:

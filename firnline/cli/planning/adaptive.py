@@ -12,7 +12,7 @@ from firnline.cli.outcome import NOT_MET
 from firnline.cli.planning.guarantee import drawing_of, prior_of, requirement_of
 from firnline.cli.planning.outputs import write_plan
 from firnline.cli.planning.request import PlanRequest
-from survey.core.quantity_text import length_text
+from survey.core.text import length_text
 
 if TYPE_CHECKING:
     import survey

@@ -17,7 +17,7 @@ def print_plan_of(request: PlanRequest) -> NoReturn:
 
 def _facts(request: PlanRequest) -> dict[str, Any]:
     from survey.core.map_scale import ground_area_m2
-    from survey.core.quantity_text import area_text
+    from survey.core.text import area_text
 
     pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
     if request.require is None and request.season is None:

@@ -160,7 +160,7 @@ def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
 
 def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
     from planners.swaths.counting import swaths_text
-    from survey.core.quantity_text import length_text
+    from survey.core.text import length_text
 
     requirement = made.requirement
     typer.echo(

@@ -42,7 +42,7 @@ def fact_lines(prediction: Mapping[str, float]) -> list[str]:
 
 def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
     """Return title and text of each number that is expected of a route, by its name."""
-    from survey.core.quantity_text import duration_text, energy_text, length_text
+    from survey.core.text import duration_text, energy_text, length_text
 
     texts = {
         "length_m": ("length", length_text),
@@ -67,7 +67,7 @@ def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
 
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     from survey import figures
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
 
     pieces = [piece.polygon for piece in drawing.left_out]
     figure = figures.plan_map(
@@ -79,7 +79,7 @@ def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawi
 
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
     from survey.figures.sheets import pdf_bytes, plan_sheets
 
     std = drawing.std(route, drawing.fine_cell_m)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def write_plan_project(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     """Write the project with its layers: route, area, and, where given, terrain and predicted error. All files are written or none."""
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
     from survey.reporting.qgis import write_project
 
     std = drawing.std(route, drawing.fine_cell_m)

@@ -88,7 +88,7 @@ class PlanRequest(PlanOptions):
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
         import survey
         from planners.ground.no_go_mask import without_marked
-        from survey.io.degrees import require_transformation
+        from survey.io.vector import require_transformation
 
         crs: Any = self.crs
         if crs is None and self.prior is not None:

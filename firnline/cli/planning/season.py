@@ -126,7 +126,7 @@ def _write(
 ) -> None:
     """Write route, map, table and errors; all replace what was there, or none does."""
     from survey import figures
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
     from survey.figures.plans import season_plot
 
     drawing = drawing_of(area, prior)
@@ -155,7 +155,7 @@ def _table(design: "SeasonDesign") -> str:
 
 
 def _print_design(request: PlanRequest, design: "SeasonDesign") -> None:
-    from survey.core.quantity_text import length_text
+    from survey.core.text import length_text
 
     config, best = design.config, design.best
     first, second = design.dates(best)

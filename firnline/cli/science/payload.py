@@ -98,7 +98,7 @@ def payload(request: PayloadRequest) -> None:
       firnline payload albedo.csv --name albedo --unit 1 --terrain dem.tif --out albedo
     """
     from firnline.cli.outputs import refuse_existing
-    from survey.core.files.replacing import replacing_folder
+    from survey.core.replacement import replacing_folder
     from survey.data.dem import Dem
     from survey.reconstruction.payload import map_payload, payload_grid, write_payload
 

@@ -47,7 +47,7 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
 
 def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
     """Read the checkpoints, and refuse those that the map was made from."""
-    from survey.io.text_tables.spellings import parsed_columns
+    from survey.io.column_names import parsed_columns
     from survey.scoring import Checkpoints
     from survey.scoring.standards.checkpoints import control_places
 

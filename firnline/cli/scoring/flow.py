@@ -72,7 +72,7 @@ def _tracked(later: "Dem", earlier: "Dem") -> "DisplacementField":
 
 def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
     from survey import Dem
-    from survey.core.crs.agreement import same_crs
+    from survey.core.crs import same_crs
     from survey.reconstruction.motion.priors import VelocityRasters
     from survey.scoring.change.displacements import RasterField
 
@@ -89,7 +89,7 @@ def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
 
 
 def _of_motion(file: Path, days: float) -> "DisplacementField":
-    from survey.data.ice.motion_file import read_motion
+    from survey.data.ice_motion import read_motion
     from survey.scoring.change.displacements import SteadyField
 
     return SteadyField(read_motion(file), days)

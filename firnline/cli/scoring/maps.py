@@ -15,7 +15,7 @@ def map_of(source: Path, crs: str | None = None, epoch_s: float | None = None) -
     import numpy as np
 
     import survey
-    from survey.data.ice.motion_file import ICE_MOTION, read_motion
+    from survey.data.ice_motion import ICE_MOTION, read_motion
     from survey.io.raster import band_count
     from survey.reconstruction import INTERPOLATED
     from survey.reconstruction.motion.epoch import at_epoch

@@ -62,7 +62,7 @@ def _is_large(request: ScoreRequest) -> bool:
 
 def _in_blocks(request: ScoreRequest) -> "Score":
     import survey
-    from survey.core.crs.agreement import agreed_crs
+    from survey.core.crs import agreed_crs
     from survey.io.raster import raster_facts
     from survey.scoring.blocks import score_files
 

@@ -117,8 +117,8 @@ class ScoreRequest(RunOptions):
             An unknown standard, language or form of report, or a column mapping that was not understood.
         """
         from survey.core.errors import InputError
-        from survey.data.ice.motion_file import ICE_MOTION
-        from survey.io.text_tables.spellings import parsed_columns
+        from survey.data.ice_motion import ICE_MOTION
+        from survey.io.column_names import parsed_columns
         from survey.scoring.standards.standards import standard_named
 
         if self.truth is None and self.checkpoints is None:

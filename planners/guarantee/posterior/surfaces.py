@@ -5,7 +5,7 @@ smoothness is that of measured ground of the same class, and what samples cannot
 
 - Bare ice: drone profiles near station S5, Greenland, after a high-pass at 35 m have standard deviations of
   0.28 to 0.62 m and a free smoothness of 1.54 (van Tiggelen et al. 2021, The Cryosphere 15, 2601; see
-  `survey.terrain.micro_relief`). Roughness of glacier ice depends on scale in the same way (Rees and Arnold 2006,
+  `survey.terrain.synthetic`). Roughness of glacier ice depends on scale in the same way (Rees and Arnold 2006,
   Journal of Glaciology 52, 214).
 - Moraine, bedrock: natural surfaces have profiles with spectra near k⁻² (Sayles and Thomas 1978, Nature 271, 431),
   and roughness exponents of 0.3 to 1 (Shepard et al. 2001, Journal of Geophysical Research 106, 32777), thus the two

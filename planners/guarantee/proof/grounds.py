@@ -17,8 +17,7 @@ from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.gp.kernels import SquaredExponential, Stationary
-from survey.terrain.conditional import CoarseCells, ConditionalTerrain
-from survey.terrain.random_fields import kernel_field
+from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, kernel_field
 
 _FREEDOM = 4.0
 _LOG_AMPLITUDE = 0.4

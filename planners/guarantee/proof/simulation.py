@@ -18,7 +18,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
-from survey.terrain.conditional import CoarseCells, ConditionalTerrain
+from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 
 _N_NODES = 256
 _STEPS_ALONG = 60

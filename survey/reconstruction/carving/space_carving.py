@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, IntArray, checked
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -18,8 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.special import chdtrc
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -19,7 +19,7 @@ from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import Bounds, FloatArray, Progress, checked
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.crs import UNSTATED
 from survey.core.errors import InputError
 from survey.core.map_scale import scale_factors
 from survey.data.dem import Dem

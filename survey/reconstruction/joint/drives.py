@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints

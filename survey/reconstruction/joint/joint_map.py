@@ -6,8 +6,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

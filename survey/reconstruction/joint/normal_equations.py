@@ -25,8 +25,8 @@ from scipy import sparse
 from scipy.linalg import blas
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.sparse_factor import SparseFactor
 from survey.data.grid import Grid
+from survey.data.path_error import SparseFactor
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.fourier_weights import PointSums, WeightPosterior, precision

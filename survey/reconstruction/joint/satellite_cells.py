@@ -7,9 +7,9 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import equal_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import equal_crs
 from survey.core.errors import InputError
+from survey.core.transformation import transformed
 from survey.data.dem import Dem
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.prior import PriorErrors

@@ -29,8 +29,8 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
+from survey.data.landmarks import far_share, stretches
 from survey.data.path_error import POSE, PathError
-from survey.data.shared_views import far_share, stretches
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis

@@ -15,7 +15,7 @@ from pyproj import CRS
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray
 from survey.core.config import validated
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints

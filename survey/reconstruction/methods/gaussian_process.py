@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.beyond_points import widened_beyond

@@ -19,10 +19,10 @@ import numpy.typing as npt
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.data.ice.motion import DAY_S, IceMotion
+from survey.data.ice_motion import DAY_S, IceMotion
 from survey.data.recording import Recording
 from survey.data.route import Route
-from survey.data.sensors.aiding import Barometer, GpsFixes
+from survey.data.sensors.records import Barometer, GpsFixes
 from survey.data.sensors.stakes import Stakes
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.motion.stakes import mean_stakes
@@ -347,7 +347,7 @@ def route_on_ice(route: Route, motion: IceMotion, speed_m_s: float) -> Route:
 
     Examples
     --------
-    >>> from survey.data.legs import Leg
+    >>> from survey.data.route import Leg
     >>> from survey.reconstruction.motion.priors import uniform_motion
     >>> flow = uniform_motion((0.0, 8.64), 0.0, velocity_sigma=1.0, lowering_sigma=0.0, epoch_s=0.0)
     >>> route = Route((Leg("swath", [[0.0, 0.0], [100.0, 0.0]]),), "EPSG:32608", "line")

@@ -9,8 +9,8 @@ import numpy as np
 
 from survey.core.errors import InputError
 from survey.data.grid import Grid
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_rows import motion_rows
+from survey.data.ice_motion import IceMotion
+from survey.data.path_error import motion_rows
 from survey.reconstruction.joint.solution import JointSolution
 
 

@@ -26,7 +26,7 @@ from scipy.special import chdtrc, softmax
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.errors import InputError
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.sensors.stakes import Stakes, StakeSurveys
 
 # Scatter that is less probable than this is taken for that of the ice.

@@ -13,8 +13,7 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.data.scans.returns import SensorScan
-from survey.data.scans.scanner import Scanner
+from survey.data.sensors.lidar import Scanner, SensorScan
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.line_of_sight.returns import LEAST_M, ghosts

@@ -22,8 +22,8 @@ from scipy.ndimage import uniform_filter
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing, write_refusal
-from survey.io.points.chunks import PointChunk, read_chunks
+from survey.core.files import replacing, write_refusal
+from survey.io.point_chunks import PointChunk, read_chunks
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 
 _PIECE_POINTS = 2_500_000

@@ -16,7 +16,7 @@ from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.streams import stream
 from survey.reconstruction.lattice.calibration import LatticeCalibration, likeliest_factors
 from survey.reconstruction.lattice.config import FieldLatticeConfig

@@ -18,12 +18,10 @@ from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.config import Section
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.vertical_datum import UNSTATED, datum_of_file, same_vertical_datum
+from survey.core.crs import UNSTATED, datum_of_file, projected_crs, same_crs, same_vertical_datum
 from survey.core.documents import read_json, write_json
 from survey.core.errors import CapacityError, InputError
-from survey.io.points.chunks import PointFileFacts, chunked_files, point_file_facts
+from survey.io.point_chunks import PointFileFacts, chunked_files, point_file_facts
 from survey.reconstruction.tiled.cells import Piece, holds_class, pieces_of
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 

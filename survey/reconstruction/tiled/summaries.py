@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.reconstruction.tiled.cells import (
     STEP_M,
     cell_statistics,

@@ -15,12 +15,11 @@ from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.core.files.writing import replacing
-from survey.core.runs.manifest import with_checksum
-from survey.io.raster.categories import write_categories
-from survey.io.raster.mosaic import MosaicBand, MosaicTile, write_mosaic
+from survey.core.documents import with_checksum
+from survey.core.files import replacing
+from survey.io.raster.large import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
-from survey.io.raster.writing import write_raster
+from survey.io.raster.writing import write_categories, write_raster
 from survey.reconstruction.nodes import bilinear
 from survey.reconstruction.terrain_map import FACTS_SHA256, INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.tiled.fine_relief import FineRelief, fine_relief, strip_variance

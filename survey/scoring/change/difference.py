@@ -15,8 +15,7 @@ from shapely import MultiPolygon, Polygon
 
 from survey.core.arguments import check_types
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem

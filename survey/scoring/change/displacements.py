@@ -6,10 +6,9 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray
 from survey.core.errors import InputError
-from survey.data.ice.motion import DAY_S, IceMotion
+from survey.data.ice_motion import DAY_S, IceMotion
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.kernels import Matern32
 from survey.reconstruction.motion.priors import VelocityRasters

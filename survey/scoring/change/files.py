@@ -17,17 +17,16 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from shapely.validation import explain_validity
 
-from survey.core.crs.agreement import agreed_crs
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import agreed_crs, projected_crs
 from survey.core.documents import write_json
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.text import csv_cell
+from survey.core.transformation import transformed
+from survey.data.area import simple_rings
 from survey.data.dem import Dem
-from survey.data.parts.area_parts import simple_rings
 from survey.io.raster import band_count, raster_header, write_raster
-from survey.io.raster.large.averaging import read_averaged
+from survey.io.raster.large import read_averaged
 from survey.io.vector import polygon_layer, read_features
 from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.scoring.change.variogram import LARGEST_CELLS

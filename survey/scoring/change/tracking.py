@@ -27,14 +27,11 @@ from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 from scipy.spatial import cKDTree
 
 from survey.core.arguments import check_types
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.checks import projected_crs
-from survey.core.data_object import DataObject
+from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray
+from survey.core.crs import projected_crs, same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.io.vector import read_features
-from survey.io.vector.writing import write_features
+from survey.io.vector import read_features, write_features
 
 SMOOTHED_PX = 1.0
 """Standard deviation of the smoothing of both images [pixels]."""

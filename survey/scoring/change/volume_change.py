@@ -16,8 +16,7 @@ import numpy.typing as npt
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.data_object import DataObject
+from survey.core.arrays import BoolArray, DataObject, FloatArray
 from survey.core.errors import InputError
 from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
 from survey.core.text import printable

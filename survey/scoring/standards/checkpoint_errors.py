@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaincinv
 
 from survey.core.arrays import BoolArray, FloatArray, frozen
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
+from survey.core.crs import UNSTATED, same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea

@@ -17,18 +17,16 @@ from pyproj import CRS
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen, lattice_places
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
-from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
+from survey.core.crs import UNSTATED, projected_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.map_scale import MapScale
 from survey.core.text import printable
+from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.io.named_points import NamedPoints, read_named_points
-from survey.io.point_columns import PLACE
-from survey.io.points.table import PointTable
+from survey.io.point_table import PLACE, PointTable
 
 CONTROL_M = 0.10
 """A checkpoint this near to a control point counts as the same mark [m]."""

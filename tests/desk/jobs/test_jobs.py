@@ -13,7 +13,7 @@ from live.watch.log import heading_of, line_of
 from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from survey.core.errors import CapacityError, InputError
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 
 def events_of(page, kind):

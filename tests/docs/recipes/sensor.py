@@ -18,7 +18,7 @@ from sim.instruments.sensor import Clock
 from sim.instruments.sensor import StatisticalDrive, without_carried
 from sim.vehicle.motion import RoverMotion
 from survey.core.streams import stream
-from survey.data.sensors.tables import Inclinometer
+from survey.data.recording import Inclinometer
 
 
 class PitchSensor:
@@ -58,7 +58,7 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
 '''
     },
     inserted={
-        "survey/data/sensors/tables.py": (
+        "survey/data/recording.py": (
             (
                 "\n\n@dataclass(frozen=True, eq=False, repr=False, kw_only=True)\nclass SensorTables",
                 "\n\n@dataclass(frozen=True, eq=False, repr=False)\nclass Inclinometer(SensorRecords):\n"

@@ -19,8 +19,8 @@ from live.mission.upload import upload
 from live.rover.radio import Radio
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.interchange.surroundings import Surroundings
+from survey.data.route import Leg
+from survey.interchange.missions import Surroundings
 
 CRS = "EPSG:32608"
 CORNER = np.array([526_000.0, 6_478_000.0])

@@ -21,10 +21,9 @@ from live.mission.transfer import fetch_items
 from live.mission.upload import upload
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.interchange.missions import MissionItem
+from survey.data.route import Leg
+from survey.interchange.missions import MissionItem, Surroundings
 from survey.interchange.route_formats import read_plan, write_plan
-from survey.interchange.surroundings import Surroundings
 
 CRS = "EPSG:32608"
 ORIGIN = np.array([526_000.0, 6_478_000.0])

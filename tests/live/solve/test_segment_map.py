@@ -8,7 +8,7 @@ from live.solve.local_nodes import local_nodes
 from live.solve.path_segments import path_segments
 from live.watch.live_map import LiveMap
 from survey import Grid, SurfacePoints
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig

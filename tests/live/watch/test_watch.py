@@ -18,9 +18,9 @@ from live.watch.warnings import RoverWarnings
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
-from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.route import Leg
+from survey.data.sensors.records import GpsFixes
 
 CRS = "EPSG:32608"
 SIDE_M = 120.0

@@ -12,8 +12,7 @@ from planners.driving.fleet import share
 from planners.ground.transit import FreeGround
 from planners.swaths.decomposition import swaths_on
 from survey.core.errors import ConfigError, InputError
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 SITE = FreeGround(shapely.box(0.0, 0.0, 600.0, 600.0))
 PLAIN = Mobility(turn_s=0.0)

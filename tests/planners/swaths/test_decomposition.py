@@ -14,7 +14,7 @@ from planners.swaths.heading import heading_by
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 
 def test_rectangle_gives_the_lines_of_the_paper_from_edge_to_edge() -> None:

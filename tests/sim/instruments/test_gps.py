@@ -5,7 +5,7 @@ import pytest
 
 from sim.config.sensors import FaultConfig, GpsConfig, InstrumentsConfig
 from sim.instruments.gps import GPS_PROFILES, BaseReceiver, Episodes, GpsFaults, GpsReceiver
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from tests.sim.instruments.motions import standing
 
 

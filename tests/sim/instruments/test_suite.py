@@ -10,8 +10,8 @@ from sim.config.world import IceConfig
 from sim.instruments.registry import SENSORS, Instruments, ReadingLog, SensorFaults
 from sim.instruments.sensor import InstrumentSetup
 from sim.world.moving_ice import MovingIce
-from survey.data.sensors.aiding import Compass, GpsFixes
-from survey.data.sensors.tables import table_types
+from survey.data.recording import table_types
+from survey.data.sensors.records import Compass, GpsFixes
 from tests.sim.instruments.motions import circling, parts_of
 
 

@@ -9,8 +9,8 @@ from sim.instruments.sensor import StatisticalDrive
 from sim.instruments.visual_measurements import draw_sightings
 from sim.vehicle.motion import exact_drive
 from survey import Dem, Grid, Route
-from survey.data.legs import Leg
-from survey.data.sensors.sightings import Sightings
+from survey.data.route import Leg
+from survey.data.sensors.odometry import Sightings
 
 GRID = Grid((0.0, 0.0, 300.0, 100.0), 5.0)
 FLAT = Dem.on(GRID, np.zeros(GRID.shape))

@@ -5,7 +5,7 @@ import pytest
 
 from sim.config.sensors import FaultConfig, WheelConfig
 from sim.instruments.dead_reckoning import WheelEncoders, WheelFaults
-from survey.data.sensors.aiding import Wheels
+from survey.data.sensors.records import Wheels
 from tests.sim.instruments.motions import circling
 
 

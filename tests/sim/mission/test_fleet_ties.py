@@ -9,7 +9,7 @@ from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from survey import Trajectory
 from survey.core.config import validated
-from survey.data.sensors.drive_ties import DriveTies
+from survey.data.sensors.odometry import DriveTies
 from survey.reconstruction.joint.drives import SeveralDrives
 from tests.sim.mission.test_fleet import TWO
 

@@ -16,9 +16,9 @@ from sim.montecarlo.results import read_trials, statistics
 from sim.montecarlo.study import RESULTS, run_study
 from sim.montecarlo.trials import TrialTerrains, _localized, routes, survey_block
 from survey import Dem, Grid, reconstruct
+from survey.core.documents import read_record
 from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.executors import run_all
-from survey.core.runs.manifest import read_record
 
 STUDY = "seed = 5\n" + SMALL_STUDY.replace("swaths = [2]", "swaths = [2, 3]") + SECOND_PATTERN
 
@@ -241,7 +241,7 @@ def greet(listener, words):
 
 def test_a_listener_that_is_no_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("survey.core.executors.dask_cluster._REACH_S", 0.5)
+    monkeypatch.setattr("survey.core.executors._REACH_S", 0.5)
     # One that waits to be spoken to, as a web server does, and one that speaks another tongue.
     for words, reason in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
         with socket.create_server(("127.0.0.1", 0)) as listener:

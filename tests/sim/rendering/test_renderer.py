@@ -10,7 +10,7 @@ from sim.rendering import Renderer, RoverBox
 from sim.simulate.assembly import RoverCamera, rover_camera
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from tests.sim.rendering.plan_view import plan_view

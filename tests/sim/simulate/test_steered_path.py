@@ -13,8 +13,8 @@ from sim.vehicle.pursuit import PurePursuit
 from survey import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.sensors.aiding import Inertial
-from survey.data.sensors.readings import Readings
+from survey.data.recording import Readings
+from survey.data.sensors.records import Inertial
 from tests.sim.simulate.test_vision import mission
 
 G_M_S2 = 9.81

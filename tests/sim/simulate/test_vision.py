@@ -15,9 +15,8 @@ from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_euroc
 

@@ -10,8 +10,7 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.terrain_map import Reconstruction

@@ -9,7 +9,7 @@ import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from survey import Dem, Grid, Route, SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.figures.map_layers import draw_contours
 from survey.figures.page_layout import RIGHT_IN, WIDTH_IN
 from survey.figures.sheets import PlanContent, RoverEffort, pdf_bytes, plan_sheets

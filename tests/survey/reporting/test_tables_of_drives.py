@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
 from survey.reporting.summary import FLEET_HEADINGS as HEADINGS
 from survey.reporting.summary import fleet_rows, payload_rows

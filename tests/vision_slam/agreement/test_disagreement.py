@@ -9,9 +9,8 @@ from pyproj import CRS
 from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes, Inertial
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes, Inertial
 from vision_slam.agreement import evidence as disagreement
 from vision_slam.agreement.evidence import (
     agrees_better_delayed,

@@ -9,8 +9,8 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
 from vision_slam.agreement.sanity_checks import (
     check_start_by_fixes,
     fix_delay_s,

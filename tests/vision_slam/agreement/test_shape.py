@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes, Wheels
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes, Wheels
 from vision_slam.agreement.scale import refuse_other_wheel_scale, tilt_note
 from vision_slam.agreement.steps import Drive, check_shape
 from vision_slam.config import LocalizationConfig

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from vision_slam.agreement.evidence import reconcile
 from vision_slam.agreement.steps import (
     Drive,

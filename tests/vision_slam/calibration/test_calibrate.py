@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.calibration.rendered import (
     CAMERA,
     charuco_images,

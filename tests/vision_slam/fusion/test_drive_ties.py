@@ -8,7 +8,7 @@ from scipy import sparse
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.path_error import PathError
-from survey.data.sensors.drive_ties import DriveTies
+from survey.data.sensors.odometry import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.joint.drives import PathCorrection, SeveralDrives

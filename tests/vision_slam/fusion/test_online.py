@@ -7,14 +7,8 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording, Recording
-from survey.data.sensors.aiding import (
-    Barometer,
-    Compass,
-    GpsFixes,
-    Wheels,
-)
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import Barometer, Compass, GpsFixes, Wheels
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency

@@ -7,9 +7,8 @@ import pytest
 
 from sim.instruments.sensor import gauss_markov
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Inertial
-from survey.data.sensors.loop_closures import LoopClosures
-from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.odometry import LoopClosures, Odometry
+from survey.data.sensors.records import GpsFixes, Inertial
 from survey.data.sensors.stakes import Stakes, StakeSightings
 from vision_slam import LocalizationConfig
 from vision_slam.attitude import rotations

@@ -5,9 +5,8 @@ import pytest
 
 from survey import InputError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Barometer, GpsFixes, Inertial
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import Barometer, GpsFixes, Inertial
 from vision_slam import LocalizationConfig, localize
 from vision_slam.attitude import rotations, turned
 from vision_slam.fusion.smoother import SmoothedPath, node_spacing_m, smooth

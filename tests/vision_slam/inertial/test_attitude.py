@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Inertial
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Inertial
 from vision_slam.attitude import world_attitudes
 from vision_slam.readers.sequence import ImageSequence
 

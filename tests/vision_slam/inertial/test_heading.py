@@ -7,8 +7,8 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Compass, GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import Compass, GpsFixes, Inertial
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Writer as SecondWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.sequence import georeference

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.readers.images import images_of, refuse_cut_off, refuse_other_sizes
 from vision_slam.readers.photos import read_photo
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import FirnlineError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.readers.folders import read_sequence
 
 N = 4

@@ -2,12 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.loop_closures import LoopClosures
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from survey.data.sensors.stakes import StakeSightings, StakeSurveys
 from survey.reconstruction.motion.epoch import in_fixed_frame
 from survey.reconstruction.motion.priors import uniform_motion

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.odometry.landmarks import FarFeatures
 from vision_slam.odometry.tracks import Track
 

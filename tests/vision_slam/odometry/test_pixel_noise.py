@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.conftest import PlaneWorld
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion

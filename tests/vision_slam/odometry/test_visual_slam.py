@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Inertial, Wheels
+from survey.data.sensors.records import GpsFixes, Inertial, Wheels
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import LocalizationConfig
 from vision_slam.motion import RelativeMotion

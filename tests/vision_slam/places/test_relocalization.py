@@ -8,9 +8,8 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Wheels
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes, Wheels
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth

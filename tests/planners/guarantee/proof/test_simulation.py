@@ -10,7 +10,7 @@ from planners.guarantee.requirement import MapRequirement
 from survey import Grid, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell
-from survey.terrain.conditional import CoarseCells, ConditionalTerrain
+from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 from tests.planners.guarantee.smooth_site import CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 

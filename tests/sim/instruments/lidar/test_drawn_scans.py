@@ -11,7 +11,7 @@ from survey.core.errors import ConfigError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
-from survey.data.scans.lidar_scans import LidarScans
+from survey.data.sensors.lidar import LidarScans
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator
 from survey.reconstruction.registration.scan_points import registered

@@ -17,10 +17,9 @@ from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial
-from survey.data.sensors.readings import Readings
+from survey.data.camera import Camera
+from survey.data.recording import Readings, Recording
+from survey.data.sensors.records import Inertial
 from tests.sim.simulate.test_vision import ground, route
 from vision_slam import LocalizationConfig, visual_odometry
 from vision_slam.odometry.onboard import read_visual_odometry

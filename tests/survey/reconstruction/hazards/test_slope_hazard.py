@@ -5,7 +5,7 @@ import pytest
 
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.documents import read_json
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.reconstruction.hazards import SlopeHazard, hazard_grid, probability_beyond, slope_hazard
 from tests.survey.reconstruction.joint.test_slopes import solved
 

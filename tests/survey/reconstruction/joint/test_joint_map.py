@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 
 from survey import Dem, Grid, InputError, SurfacePoints
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import projected_crs
+from survey.core.transformation import transformed
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.gp.config import JointConfig

@@ -8,9 +8,9 @@ import pytest
 from scipy import sparse
 
 from survey import Grid, InputError, SurfacePoints
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
+from survey.data.landmarks import stretches
 from survey.data.path_error import PathError
-from survey.data.shared_views import stretches
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.joint.drives import SeveralDrives, joined_points

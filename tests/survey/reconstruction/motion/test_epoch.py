@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid, InputError, Reconstruction
-from survey.data.ice.motion import DAY_S
+from survey.data.ice_motion import DAY_S
 from survey.reconstruction.motion.epoch import AGE, at_epoch, with_age
 from survey.reconstruction.motion.priors import uniform_motion
 from survey.reconstruction.terrain_map import MEASURED, UNSEEN

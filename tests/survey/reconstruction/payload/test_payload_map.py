@@ -5,7 +5,7 @@ import pytest
 import rasterio
 
 from survey import Dem, Grid, InputError, Reconstruction
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.gp.kernels import Matern52

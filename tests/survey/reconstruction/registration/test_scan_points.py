@@ -7,7 +7,7 @@ from scipy import sparse
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.path_error import PathError
-from survey.data.scans.returns import SensorScan
+from survey.data.sensors.lidar import SensorScan
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from survey import Dem, Grid, InputError
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.reconstruction.motion.priors import uniform_motion
 from survey.scoring import change
 from survey.scoring.change.along_flow import Thickness

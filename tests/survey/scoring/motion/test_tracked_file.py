@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.scoring.change.tracking import TrackedMotion, read_tracked, write_tracked
 
 CRS = projected_crs("EPSG:32608", "the test")

@@ -7,9 +7,8 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path
 from vision_slam.fusion.smoother import delay_moments, smooth

@@ -5,9 +5,9 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Inertial
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Inertial
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.sensor_checks import ImageTurns, largest_turns, refuse_other_gyro

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Wheels
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.sensor_checks import refuse_other_travel

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.bundle_adjustment import LensChange
 from vision_slam.odometry.self_calibration import estimate_lens
