@@ -66,7 +66,7 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
                 "    pitch_rad: FloatArray\n",
             ),
             (
-                "from typing import Any, get_args",
+                "from typing import Any, Self",
                 "from typing import ClassVar\nfrom survey.core.arrays import FloatArray\n"
                 "from survey.data.sensors.records import SensorRecords\n",
             ),
