@@ -1,12 +1,12 @@
 """Public names and the modules that define them."""
 
-from planners.config import BestConfig as BestConfig
-from planners.config import LawnmowerConfig as LawnmowerConfig
 from planners.config import PatternConfig as PatternConfig
-from planners.config import PiecewiseContinuousConfig as PiecewiseContinuousConfig
-from planners.config import RandomWanderConfig as RandomWanderConfig
-from planners.config import VarianceDrivenConfig as VarianceDrivenConfig
-from planners.config import WavyConfig as WavyConfig
+from planners.config_best import BestConfig as BestConfig
+from planners.config_lawnmower import LawnmowerConfig as LawnmowerConfig
+from planners.config_piecewise_continuous import PiecewiseContinuousConfig as PiecewiseContinuousConfig
+from planners.config_random_wander import RandomWanderConfig as RandomWanderConfig
+from planners.config_variance_driven import VarianceDrivenConfig as VarianceDrivenConfig
+from planners.config_wavy import WavyConfig as WavyConfig
 from planners.driving.energy import Mobility as Mobility
 from planners.driving.rover import Fleet as Fleet
 from planners.driving.rover import Rover as Rover

@@ -72,7 +72,7 @@ def in_grid_metres(settings: AnyModel, factor: float) -> AnyModel:
 
     Examples
     --------
-    >>> from planners.config import LawnmowerConfig
+    >>> from planners.config_lawnmower import LawnmowerConfig
     >>> in_grid_metres(LawnmowerConfig(spacing_m=50.0), 2.0).spacing_m
     100.0
     """

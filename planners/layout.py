@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from planners.config import SwathConfig, WavyConfig
+from planners.config import SwathConfig
 from planners.driving.fleet import share
 from planners.driving.ordering import connect
 from planners.driving.rover import Crew, Rover, homes_of
@@ -17,9 +17,7 @@ from planners.swaths.heading import heading_by
 from planners.swaths.lawnmower import lawnmower
 from planners.swaths.swaths import ReferenceLines, Swath, reference_lines, shortened
 from planners.swaths.tie_lines import tie_lines
-from planners.swaths.wavy import wavy
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
 from survey.data.area import SurveyArea
 from survey.data.route import Leg, Route
 
@@ -47,46 +45,10 @@ def straight_route(area: SurveyArea, config: SwathConfig, *, crew: Crew | None =
     Route
         Without a prediction.
     """
-    return _route(area, config, crew or Crew(), lambda axes, _: lawnmower(axes))
+    return swath_route(area, config, crew or Crew(), lambda axes, _: lawnmower(axes))
 
 
-def wavy_route(
-    area: SurveyArea, config: WavyConfig, *, slope_length_m: float | None = None, crew: Crew | None = None
-) -> Route:
-    """Lay wavy swaths over an area and join them.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground.
-    config : WavyConfig
-        Number or spacing of the swaths, heading, border and waves.
-    slope_length_m : float, optional
-        Distance over which the terrain's slopes change [m]; needed without a wavelength.
-    crew : Crew, optional
-        Rovers and prior elevations; one rover that pivots by default.
-
-    Returns
-    -------
-    Route
-        Without a prediction.
-
-    Raises
-    ------
-    ConfigError
-        Neither a wavelength nor a slope length.
-    """
-    crew = crew or Crew()
-    wavelength_m = _wavelength_m(config, slope_length_m)
-    radius_m = crew.rover.turn_radius_m
-
-    def waves(axes: list[FloatArray], spacing_m: float) -> list[Swath]:
-        return wavy(axes, area, config, spacing_m, wavelength_m, turn_radius_m=radius_m)
-
-    return _route(area, config, crew, waves)
-
-
-def _route(area: SurveyArea, config: SwathConfig, crew: Crew, shape: SwathShape) -> Route:
+def swath_route(area: SurveyArea, config: SwathConfig, crew: Crew, shape: SwathShape) -> Route:
     """Lay swaths of a shape, and tie lines, and join them."""
     config = _with_heading(area, config, crew)
     lines = reference_lines(area, config)
@@ -109,14 +71,6 @@ def _with_heading(area: SurveyArea, config: SwathConfig, crew: Crew) -> SwathCon
     ground = FreeGround(area.free)
     heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
     return config.model_copy(update={"heading_deg": heading_deg})
-
-
-def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
-    if config.wavelength_m is not None:
-        return config.wavelength_m
-    if slope_length_m is None:
-        raise ConfigError("wavy swaths need a wavelength_m, or a prior or a kernel to take it from.")
-    return config.wavelength_scales * slope_length_m
 
 
 def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...] | None:

@@ -7,11 +7,11 @@ import numpy as np
 import shapely
 
 from planners.driving.reeds_shepp import Pose
+from planners.driving.swath_ends import ends_of
 from planners.driving.tours import boustrophedon, improved, nearest_next, tour_length, transit_length
 from planners.driving.transits import Transits, transits
 from planners.driving.turns import Turning, Turns, turn_length_m
 from planners.ground.transit import FreeGround
-from planners.swaths.cells import ends_of
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import FirnlineError, InputError
 from survey.core.streams import stream

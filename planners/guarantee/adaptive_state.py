@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from planners.capacity import MOST_SAMPLES, require_samples
-from planners.config import WavyConfig
+from planners.config_wavy import WavyConfig
 from planners.guarantee.gaps import gaps_filled
 from planners.guarantee.posterior.kernel_posterior import KernelPosterior, posterior_from_survey
 from planners.guarantee.posterior.left_out import checked_by_lines

@@ -22,7 +22,7 @@ from planners.guarantee.error_distribution import ErrorDistribution, ErrorMoment
 from planners.guarantee.posterior.correlogram import Correlogram
 from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.prediction.map_places import spread_places
-from planners.swaths.wavy import slope_length_m
+from planners.prediction.slope_length import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
 from survey.reconstruction.gp.kernel_search import Cell

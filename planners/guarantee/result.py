@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planners.config import LawnmowerConfig, WavyConfig
+from planners.config_lawnmower import LawnmowerConfig
+from planners.config_wavy import WavyConfig
 from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from planners.guarantee.proof.grounds import RESAMPLED

@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from planners.config import LawnmowerConfig, WavyConfig
+from planners.config_lawnmower import LawnmowerConfig
+from planners.config_wavy import WavyConfig
 from planners.ground.transit import FreeGround
 from planners.planning import plan
 from planners.swaths.decomposition import clipped

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from planners.config import LawnmowerConfig, WavyConfig
+from planners.config_lawnmower import LawnmowerConfig
+from planners.config_wavy import WavyConfig
 from planners.ground.drivable_area import Drivable
 from planners.ground.transit import FreeGround
 from planners.ground.traversability import drivable

@@ -1,6 +1,6 @@
 """Best swaths: straight or wavy, with the heading, inset and spacing of least predicted error."""
 
-from planners.config import BestConfig
+from planners.config_best import BestConfig
 from planners.patterns.planner import LayoutTask, Planner, always
 from planners.prediction.choose import choose
 from survey.data.route import Route

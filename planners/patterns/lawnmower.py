@@ -1,6 +1,7 @@
 """Lawnmower: straight parallel swaths, driven back and forth."""
 
-from planners.config import LawnmowerConfig, SwathConfig
+from planners.config import SwathConfig
+from planners.config_lawnmower import LawnmowerConfig
 from planners.layout import straight_route
 from planners.patterns.planner import LayoutTask, Planner
 from survey.data.route import Route

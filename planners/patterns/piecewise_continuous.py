@@ -1,6 +1,6 @@
 """Piecewise-continuous pattern: steered by the slope of the ground (glacier paper, Eq. 10)."""
 
-from planners.config import PiecewiseContinuousConfig
+from planners.config_piecewise_continuous import PiecewiseContinuousConfig
 from planners.patterns.lawnmower import straight_layout
 from planners.patterns.planner import Planner
 from planners.steering.piecewise_continuous import PiecewiseContinuousSteering

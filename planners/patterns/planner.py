@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from planners.config import PatternConfig
 from planners.driving.rover import Crew
 from planners.prediction.error_model import ErrorModel
+from planners.prediction.slope_length import slope_length_m
 from planners.steering.steering import Steering
-from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea

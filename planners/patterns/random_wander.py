@@ -1,6 +1,6 @@
 """Random wander: the control of the piecewise-continuous pattern, steered at random."""
 
-from planners.config import RandomWanderConfig
+from planners.config_random_wander import RandomWanderConfig
 from planners.patterns.lawnmower import straight_layout
 from planners.patterns.planner import Planner
 from planners.steering.random_wander import RandomWanderSteering

@@ -1,6 +1,6 @@
 """Variance-driven path: waypoints where the predicted variance falls most per metre."""
 
-from planners.config import VarianceDrivenConfig
+from planners.config_variance_driven import VarianceDrivenConfig
 from planners.patterns.planner import LayoutTask, Planner, always
 from planners.prediction.informative import variance_driven
 from survey.data.route import Route

@@ -1,7 +1,7 @@
 """Wavy swaths: a sine about each reference line."""
 
-from planners.config import WavyConfig
-from planners.layout import wavy_route
+from planners.config_wavy import WavyConfig
+from planners.layout_wavy import wavy_route
 from planners.patterns.planner import LayoutTask, Planner
 from survey.data.route import Route
 

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 
-from planners.config import BestConfig, LawnmowerConfig, WavyConfig
+from planners.config_best import BestConfig
+from planners.config_lawnmower import LawnmowerConfig
+from planners.config_wavy import WavyConfig
 from planners.driving.rover import Crew
-from planners.layout import straight_route, wavy_route
+from planners.layout import straight_route
+from planners.layout_wavy import wavy_route
 from planners.prediction.error_model import ErrorModel
+from planners.prediction.slope_length import slope_length_m
 from planners.swaths.swaths import narrowest_heading
-from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea

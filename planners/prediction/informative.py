@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from planners.config import VarianceDrivenConfig
+from planners.config_variance_driven import VarianceDrivenConfig
 from planners.prediction.error_model import ErrorModel
 from planners.swaths.swaths import towards
 from survey.core.arrays import FloatArray

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from planners.config import WavyConfig
+from planners.config_wavy import WavyConfig
 from planners.ground.transit import FreeGround
 from planners.ground.traversability import drivable
 from planners.ground_metres import settings_factor

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from planners.config import SteeredConfig
+from planners.config_steered import SteeredConfig
 from planners.steering.attitude import Attitude
 from survey.core.arrays import FloatArray, IntArray
 

@@ -1,16 +1,10 @@
 """Cells of a boustrophedon decomposition: swaths joined without crossing a border."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from planners.driving.swath_ends import ends_of
 from planners.swaths.swaths import axes_of
 from survey.core.arrays import FloatArray, IntArray
-
-
-def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
-    """Return the first and last points (2 N, 2) of the swaths, swath by swath."""
-    return np.array([[swath[0], swath[-1]] for swath in swaths], dtype=np.float64).reshape(-1, 2)
 
 
 def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from planners.config import LawnmowerConfig, SwathConfig
+from planners.config import SwathConfig
+from planners.config_lawnmower import LawnmowerConfig
 from planners.swaths.swaths import Swath, reference_lines
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea

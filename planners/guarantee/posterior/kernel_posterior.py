@@ -9,7 +9,7 @@ import numpy as np
 from planners.guarantee.posterior.prior_blocks import PriorBlocks
 from planners.guarantee.posterior.prior_fit import fitted_family
 from planners.guarantee.posterior.surfaces import SURFACES, Surface, roughness_elsewhere
-from planners.swaths.wavy import slope_length_m
+from planners.prediction.slope_length import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.gp.families import SearchedFamily
 from survey.reconstruction.gp.kernel_search import ALL, Cell, KernelSearch
