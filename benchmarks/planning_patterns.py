@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 import planners
 from benchmarks.equal_error import AREA, FAMILIES, Curve, Family, RouteMaker, curve, pilot_kernel, ratios
 from benchmarks.report import Row, cpu_seconds, main
-from planners.prediction.choose import INSET_SHARE
+from planners.patterns.best import INSET_SHARE
 from survey import Dem, Route
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernels import Kernel

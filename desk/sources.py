@@ -91,7 +91,7 @@ def _workspace(
 
 def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:
     """Return the survey of a mission, with the settings that differ from their defaults."""
-    from planners.driving.rover import Rover
+    from planners.routes.rover import Rover
 
     planner = mission.planner.model_dump(mode="json", exclude_defaults=True)
     rover = mission.rover.model_dump(mode="json", exclude_defaults=True, include=set(Rover.model_fields))

@@ -1,16 +1,16 @@
 """Public names and the modules that define them."""
 
 from planners.config import PatternConfig as PatternConfig
-from planners.config_best import BestConfig as BestConfig
-from planners.config_lawnmower import LawnmowerConfig as LawnmowerConfig
-from planners.config_piecewise_continuous import PiecewiseContinuousConfig as PiecewiseContinuousConfig
-from planners.config_random_wander import RandomWanderConfig as RandomWanderConfig
-from planners.config_variance_driven import VarianceDrivenConfig as VarianceDrivenConfig
-from planners.config_wavy import WavyConfig as WavyConfig
-from planners.driving.rover import Fleet as Fleet
-from planners.driving.rover import Rover as Rover
-from planners.ground.traversability import RoverLimits as RoverLimits
+from planners.patterns.best import BestConfig as BestConfig
+from planners.patterns.lawnmower import LawnmowerConfig as LawnmowerConfig
+from planners.patterns.piecewise_continuous import PiecewiseContinuousConfig as PiecewiseContinuousConfig
+from planners.patterns.random_wander import RandomWanderConfig as RandomWanderConfig
+from planners.patterns.variance_driven import VarianceDrivenConfig as VarianceDrivenConfig
+from planners.patterns.wavy import WavyConfig as WavyConfig
 from planners.planning import plan as plan
+from planners.routes.rover import Fleet as Fleet
+from planners.routes.rover import Rover as Rover
+from planners.routes.traversability import RoverLimits as RoverLimits
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import AreaConfig as AreaConfig
 from sim.config.mission import DrawnSetting as DrawnSetting

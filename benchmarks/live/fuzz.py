@@ -9,8 +9,7 @@ import numpy as np
 from pyproj import CRS
 
 from benchmarks.report import Row
-from live.watch.sample import Sample, SampleGate
-from live.watch.telemetry import TelemetryReader
+from live.watch.samples import Sample, SampleGate, TelemetryReader
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.core.transformation import transformed

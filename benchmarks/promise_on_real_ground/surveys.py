@@ -13,12 +13,11 @@ import numpy as np
 
 import planners
 from benchmarks.promise_on_real_ground.windows import SEED, Site, site_of
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction.error_model import places
+from planners.prediction import places
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream

@@ -8,8 +8,7 @@ from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlanner
 from desk.plan.request import command_of, requirement_request
 from firnline.cli.planning.guarantee import refusal_text, requirement_of
-from planners.guarantee.guarantee import guarantee
-from planners.guarantee.result import Guarantee
+from planners.guarantee.guarantee import Guarantee, guarantee
 from survey.core.errors import ConfigError, InputError
 from survey.core.text import length_text
 

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import next_swath
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig, next_swath
 from planners.guarantee.requirement import MapRequirement
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.text import length_text
 from survey.data.area import SurveyArea

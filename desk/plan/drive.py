@@ -7,8 +7,7 @@ import numpy as np
 from desk.plan.live import LivePlan
 from desk.terrain.heights import heights_at
 from desk.terrain.pyramid import ElevationPyramid
-from planners.driving.energy import energy_per_metre
-from planners.driving.rover import Rover
+from planners.routes.rover import Rover, energy_per_metre
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.map_scale import ground_lengths_m
 from survey.data.route import Route

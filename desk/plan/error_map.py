@@ -8,7 +8,7 @@ import numpy as np
 from desk.terrain.palette import DEVIATION
 from desk.terrain.pictures import picture
 from firnline.cli.planning.area import AreaPlan
-from planners.prediction.predict import predict_error
+from planners.prediction import predict_error
 from survey.core.text import round_number
 from survey.data.dem import Dem
 

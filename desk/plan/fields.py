@@ -6,9 +6,9 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from desk.plan.request import REQUIREMENTS
 from firnline.cli.planning.options import PlanOptions
-from planners.driving.rover import Fleet, Rover
-from planners.guarantee.posterior.surfaces import SURFACE_NAMES
+from planners.guarantee.requirement import SURFACE_NAMES
 from planners.registry import PLANNERS
+from planners.routes.rover import Fleet, Rover
 from sim.config.mission import MissionConfig
 from survey.core.config import Section
 

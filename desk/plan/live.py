@@ -12,7 +12,7 @@ from desk.plan.request import request_of
 from desk.plan.result_cache import ResultCache
 from firnline.cli.planning.area import AreaPlan, area_plan, checked_options, prior_kernel
 from firnline.cli.rasters import read_about
-from planners.driving.rover import Crew, homes_of
+from planners.routes.rover import Crew, homes_of
 from survey.core.arrays import Bounds
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea

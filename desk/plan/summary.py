@@ -8,7 +8,7 @@ from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
 from desk.plan.request import command_of
 from firnline.cli.planning.outputs import fact_texts
-from planners.swaths.counting import swaths_text
+from planners.swaths.reference_lines import swaths_text
 
 
 def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str) -> dict[str, Any]:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from planners.config import PatternConfig
-from planners.driving.rover import Crew
-from planners.prediction.error_model import ErrorModel
-from planners.prediction.slope_length import slope_length_m
-from planners.steering.steering import Steering
+from planners.prediction import ErrorModel, slope_length_m
+from planners.routes.rover import Crew
+from planners.steering import Steering
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea

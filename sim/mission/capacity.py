@@ -7,7 +7,7 @@ reconstruction methods stand in `planners.capacity` and `survey.reconstruction.c
 import math
 
 from planners.capacity import require_cells
-from planners.driving.rover import Crew, homes_of
+from planners.routes.rover import Crew, homes_of
 from sim.config.mission import MissionConfig
 from sim.config.sensors import InstrumentConfig
 from sim.config.world import LARGEST_STEP_M, DemTerrain, RandomTerrain, SampleTerrain

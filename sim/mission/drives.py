@@ -12,9 +12,9 @@ import shapely
 import planners
 import survey
 import vision_slam
-from planners.driving.energy import effort
-from planners.driving.replanning import Loss, cut_short
-from planners.steering.waypoints import WaypointSteering
+from planners.routes.replanning import Loss, cut_short
+from planners.routes.rover import effort
+from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.config.sensors import faults_of
 from sim.instruments.environment import record_payload

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 import survey
-from planners.driving.energy import predicted
-from planners.driving.replanning import Loss, cut_short, remaining_swaths, replanned
-from planners.ground.transit import FreeGround
+from planners.routes.replanning import Loss, cut_short, remaining_swaths, replanned
+from planners.routes.rover import predicted
+from planners.routes.shortest_paths import FreeGround
 from sim.config.mission import MissionConfig
 from sim.config.sensors import FaultConfig
 from sim.mission.drives import (

@@ -14,13 +14,12 @@ import numpy as np
 from scipy.special import gammainc
 
 import planners
-from planners.driving.rover import Crew
-from planners.ground.traversability import drivable
-from planners.guarantee.search import fewest
-from planners.planning import planned_on
-from planners.prediction.map_places import spread_places
-from planners.prediction.prior_cover import require_cover
-from planners.swaths.counting import count_lines
+from planners.guarantee.survey_lines import fewest
+from planners.planning import planned_on, require_cover
+from planners.prediction import spread_places
+from planners.routes.rover import Crew
+from planners.routes.traversability import drivable
+from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.drives import localized
 from sim.simulate.simulation import simulate_statistical, with_way_home

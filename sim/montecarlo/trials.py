@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 import planners
 import survey
-from planners.prediction.error_model import places
+from planners.prediction import places
 from sim.config.mission import MissionConfig
 from sim.config.world import RandomTerrain
 from sim.montecarlo.config import (

@@ -10,8 +10,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from planners.steering.attitude import Attitude
-from planners.steering.waypoints import WaypointSteering
+from planners.steered_paths import WaypointSteering
+from planners.steering import Attitude
 from sim.vehicle.pursuit import PurePursuit
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera

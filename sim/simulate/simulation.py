@@ -32,8 +32,8 @@ from typing import Literal
 import numpy as np
 
 from planners import LawnmowerConfig
-from planners.ground.transit import FreeGround
-from planners.steering.attitude import Attitude, AttitudeSensor
+from planners.routes.shortest_paths import FreeGround
+from planners.steering import Attitude, AttitudeSensor
 from sim.config.mission import AidsConfig, MissionConfig, RoverConfig, SensorConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.world import SampleTerrain

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.steering.waypoints import WaypointSteering
+from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.instruments.registry import Instruments, ReadingLog
 from sim.instruments.sensor import InstrumentSetup

@@ -20,8 +20,8 @@ import shapely
 from pyproj import CRS
 
 from planners import LawnmowerConfig, WavyConfig
-from planners.driving.energy import predicted
-from planners.swaths.counting import count_lines
+from planners.routes.rover import predicted
+from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.config.world import IceAssumptions, IceConfig
 from sim.world.site import World

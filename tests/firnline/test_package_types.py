@@ -30,9 +30,9 @@ from planners import (
     SteeringState,
     drivable,
 )
-from planners.driving.rover import Crew
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior
-from planners.guarantee.prediction import MapPrediction
+from planners.guarantee.error_distribution import MapPrediction
+from planners.guarantee.kernel_posterior import KernelPosterior
+from planners.routes.rover import Crew
 from survey.data.sensors.payload import Quantity
 from survey.reconstruction import (
     ConstantMean,

@@ -8,14 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.link.address import LinkAddress
-from live.link.vehicle import Vehicle
-from live.mission.autopilot_mission import AutopilotMission
-from live.mission.upload import upload
+from live.link import LinkAddress, Vehicle
+from live.mission.items import AutopilotMission
+from live.mission.vehicle_mission import upload
 from live.watch.log import entered, heading_of, legs_as_lists, line_of, replayed
+from live.watch.samples import TelemetryReader, buffered_entries, telemetry_entries
 from live.watch.survey_watch import SurveyWatch
-from live.watch.telemetry import TelemetryReader, buffered_entries, telemetry_entries
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig
 from survey import Dem, Grid, Route, SurveyArea
 from survey.data.route import Leg
 from survey.interchange.missions import Surroundings

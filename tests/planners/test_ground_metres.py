@@ -4,8 +4,8 @@ import pytest
 import shapely
 
 from planners import LawnmowerConfig, Rover, WavyConfig, drivable, plan
-from planners.driving.rover import Crew, crew_in_grid_metres
-from planners.ground_metres import in_grid_metres, settings_factor
+from planners.config import in_grid_metres, settings_factor
+from planners.routes.rover import Crew, crew_in_grid_metres
 from survey import Dem, Grid, SurveyArea
 from survey.core.transformation import transformed
 

@@ -9,10 +9,10 @@ import shapely
 from pyproj import CRS
 from shapely import LineString
 
-from planners.driving.fleet import share
-from planners.driving.ordering import connect
-from planners.ground.transit import FreeGround
-from planners.ground.traversability import RoverLimits, drivable
+from planners.routes.fleet import share
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import connect
+from planners.routes.traversability import RoverLimits, drivable
 from planners.swaths.decomposition import swaths_on, unswept
 from planners.swaths.heading import heading_by
 from survey.core.errors import InputError

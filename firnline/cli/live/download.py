@@ -38,8 +38,8 @@ def download(
     refuse_existing([out], force=force, inputs=[])
     with needs_live_extra():
         from firnline.cli.progress import counted
-        from live.link.address import LinkAddress
-        from live.mission.download import downloaded_route
+        from live.link import LinkAddress
+        from live.mission.vehicle_mission import downloaded_route
         from survey.interchange.route_formats import write_plan
 
         address = LinkAddress.parsed(url)

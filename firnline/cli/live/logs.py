@@ -29,6 +29,6 @@ def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
     from vision_slam.recorded_drive import RecordedDrive
 
     with needs_live_extra():
-        from live.logs.autopilot_log import read_autopilot_log
+        from live.autopilot_logs import read_autopilot_log
 
         return RecordedDrive(*read_autopilot_log(source, crs))

@@ -20,8 +20,7 @@ def export_mcap(source: Path, out: Path) -> None:
     from survey.core.run_folder import RunFolder
 
     with needs_live_extra():
-        from live.export.drive_mcap import write_drive_mcap
-        from live.export.run_mcap import write_run_mcap
+        from live.mcap_files import write_drive_mcap, write_run_mcap
 
         is_run = source.is_dir()
         counts = write_run_mcap(RunFolder.find(source), out) if is_run else write_drive_mcap(source, out)

@@ -15,8 +15,8 @@ from firnline.cli.request import with_options_of
 from firnline.cli.route_source import RouteOptions, route_with_surroundings
 
 if TYPE_CHECKING:
-    from live.link.address import LinkAddress
-    from live.mission.autopilot_mission import AutopilotMission
+    from live.link import LinkAddress
+    from live.mission.items import AutopilotMission
 
 _MISSION_FILES = (".plan", ".waypoints")
 
@@ -71,7 +71,7 @@ def upload(request: UploadRequest) -> None:
     mission when the last item has come: an upload that ends early leaves the former one. Needs firnline[live].
     """
     with needs_live_extra():
-        from live.link.address import LinkAddress
+        from live.link import LinkAddress
 
         address, mission = LinkAddress.parsed(request.url), _mission(request)
         if request.dry_run:
@@ -81,7 +81,7 @@ def upload(request: UploadRequest) -> None:
 
 def _mission(request: UploadRequest) -> "AutopilotMission":
     """Read the mission of one rover."""
-    from live.mission.autopilot_mission import AutopilotMission
+    from live.mission.items import AutopilotMission
     from survey.core.files import existing_file
     from survey.interchange.route_formats import part_of_rover
 
@@ -94,9 +94,8 @@ def _mission(request: UploadRequest) -> "AutopilotMission":
 
 def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:
     """Return the numbers of items, and which autopilots hold them; refuse what no vehicle would hold."""
-    from live.link.vehicle import ARDUPILOT, NAMES, PX4
-    from live.mission.items import FENCE, MISSION
-    from live.mission.limits import limits_of, require_storable
+    from live.link import ARDUPILOT, NAMES, PX4
+    from live.mission.items import FENCE, MISSION, limits_of, require_storable
 
     items, fence = mission.link_items(0), mission.fence_items
     require_storable(items, MISSION, most_items or limits_of(0).items)
@@ -117,7 +116,7 @@ def _upload(
     from time import perf_counter
 
     from firnline.cli.progress import counted
-    from live.mission.upload import upload as sent
+    from live.mission.vehicle_mission import upload as sent
 
     began = perf_counter()
     with counted(quiet=request.quiet) as progress:

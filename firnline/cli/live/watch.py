@@ -190,7 +190,7 @@ def _watch(request: WatchRequest) -> "SurveyWatch":
     from firnline.cli.planning.guarantee import limit_of
     from firnline.cli.route_source import read_route
     from live.watch.survey_watch import SurveyWatch
-    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.guarantee.adaptive import AdaptiveConfig
     from survey import SurveyArea
     from survey.core.errors import ConfigError
 
@@ -210,15 +210,14 @@ def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) ->
     """Return an iterator over what arrives from telemetry or a file, which is connected or found to be there."""
     source, crs = str(request.source), watching.area.crs
     if "://" not in source:
-        from live.watch.growing_file import file_entries
+        from live.watch.samples import file_entries
         from survey.core.files import existing_file
 
         file = Path(source) if Path(source).is_dir() else existing_file(source, "the samples")
         return file_entries(file, crs, follows=not request.once)
     with needs_live_extra():
-        from live.link.address import LinkAddress
-        from live.link.vehicle import Vehicle
-        from live.watch.telemetry import TelemetryReader, buffered_entries
+        from live.link import LinkAddress, Vehicle
+        from live.watch.samples import TelemetryReader, buffered_entries
 
         link = Vehicle.connected(LinkAddress.parsed(source), request.patience_s, request.system)
         vehicle = stack.enter_context(link)

@@ -16,7 +16,7 @@ from survey.core.text import length_text
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.guarantee.adaptive import AdaptiveConfig
 
 _TEXTS: dict[str, Callable[[Any], str]] = {
     "length_m": length_text,
@@ -28,8 +28,8 @@ _TEXTS: dict[str, Callable[[Any], str]] = {
 
 def plan_adaptive(request: PlanRequest) -> None:
     """Plan the first swaths, or the next one after what was driven and measured."""
-    from planners.ground.transit import FreeGround
-    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.guarantee.adaptive import AdaptiveConfig
+    from planners.routes.shortest_paths import FreeGround
     from planners.swaths.heading import across_marked_grain
     from survey.core.errors import ConfigError
 

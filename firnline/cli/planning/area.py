@@ -48,7 +48,7 @@ class AreaPlan:
 def plan_area(request: PlanRequest) -> None:
     """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
     from firnline.cli.progress import counted
-    from planners.driving.rover import Crew, homes_of
+    from planners.routes.rover import Crew, homes_of
 
     config = checked_options(request)
     area, dem = request.read_area()
@@ -158,7 +158,7 @@ def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None
         Too few cells lie on the area.
     """
     import planners
-    from planners.prediction.prior_cover import covered_share
+    from planners.planning import covered_share
 
     return None if covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
 
@@ -176,7 +176,7 @@ def _assumption(kernel: "Kernel") -> str:
 
 def _print_route(request: PlanRequest, route: "survey.Route") -> None:
     """Print what is expected of the route, for people or as JSON."""
-    from planners.swaths.counting import swaths_text
+    from planners.swaths.reference_lines import swaths_text
 
     if request.as_json:
         typer.echo(json.dumps(plan_facts(request, route), indent=2))

@@ -27,7 +27,7 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
         pattern = f"{config.planner.pattern}, {config.fleet.rovers} rover{'s' * (config.fleet.rovers > 1)}"
     area, prior = request.read_area()
     if config is not None:
-        from planners.driving.rover import Crew, homes_of
+        from planners.routes.rover import Crew, homes_of
 
         homes_of(area, Crew(config.rover, config.fleet))
     facts = {

@@ -13,9 +13,8 @@ from firnline.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.posterior.surfaces import Surface
-    from planners.guarantee.requirement import MapRequirement
-    from planners.guarantee.result import Guarantee
+    from planners.guarantee.guarantee import Guarantee
+    from planners.guarantee.requirement import MapRequirement, Surface
     from survey.reconstruction.gp.kernels import Kernel
 
 
@@ -130,7 +129,7 @@ def plan_guaranteed(request: PlanRequest) -> None:
 
 
 def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
-    from planners.swaths.counting import count_lines
+    from planners.swaths.reference_lines import count_lines
 
     return {
         **request.written,
@@ -159,7 +158,7 @@ def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
 
 
 def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
-    from planners.swaths.counting import swaths_text
+    from planners.swaths.reference_lines import swaths_text
     from survey.core.text import length_text
 
     requirement = made.requirement

@@ -28,7 +28,7 @@ def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing
 
 def plan_facts(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
     """Return files, counts and predictions of a plan, for ``--json``."""
-    from planners.swaths.counting import count_lines
+    from planners.swaths.reference_lines import count_lines
 
     return (
         request.written | {"lines": count_lines(route), "swaths": len(route.swaths)} | dict(route.prediction)
@@ -98,7 +98,7 @@ def _content(
 ) -> "PlanContent":
     """Return what the sheets of a plan state."""
     import planners
-    from planners.swaths.counting import swaths_text
+    from planners.swaths.reference_lines import swaths_text
     from survey.figures.sheets import PlanContent
 
     rover = drawing.rover or planners.Rover()
@@ -121,7 +121,7 @@ def _content(
 def _effort(
     route: "survey.Route", k: int, rover: "planners.Rover", terrain: "survey.Dem | None"
 ) -> "RoverEffort":
-    from planners.driving.energy import effort
+    from planners.routes.rover import effort
     from survey.figures.sheets import RoverEffort
 
     own = effort(route.path(k), rover, terrain, crs=route.crs)

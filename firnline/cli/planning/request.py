@@ -87,7 +87,7 @@ class PlanRequest(PlanOptions):
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
         import survey
-        from planners.ground.no_go_mask import without_marked
+        from planners.routes.traversability import without_marked
         from survey.io.vector import require_transformation
 
         crs: Any = self.crs

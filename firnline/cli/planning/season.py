@@ -15,9 +15,8 @@ from firnline.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.posterior.surfaces import Surface
-    from planners.season.config import SeasonConfig
-    from planners.season.design import SeasonDesign, SeasonOption
+    from planners.guarantee.requirement import Surface
+    from planners.season import SeasonConfig, SeasonDesign, SeasonOption
 
 _CAUSES = {
     "interpolation_m": "between swaths",
@@ -30,7 +29,7 @@ _CAUSES = {
 
 def plan_season(request: PlanRequest) -> None:
     """Write route, table and pictures of the best design, or end with exit code 5 where none gives the wanted error."""
-    from planners.season.design import design_season
+    from planners.season import design_season
 
     config = season_config(request)
     area, prior = prior_of(request)
@@ -53,7 +52,7 @@ def season_config(request: PlanRequest) -> "SeasonConfig":
     ConfigError
         An error or dates that cannot be read, or are out of range.
     """
-    from planners.season.config import SeasonConfig
+    from planners.season import SeasonConfig
 
     text = str(request.season).strip()
     first, last = _dates(str(request.dates))

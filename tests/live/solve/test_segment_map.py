@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from live.solve.local_nodes import local_nodes
-from live.solve.path_segments import path_segments
-from live.watch.live_map import LiveMap
+from live.watch.live_map import LiveMap, local_nodes, path_segments
 from survey import Grid, SurfacePoints
 from survey.core.crs import projected_crs
 from survey.data.path_error import PathError

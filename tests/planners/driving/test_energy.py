@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from affine import Affine
 
-from planners.driving.energy import Mobility, effort, energy_per_metre, predicted
+from planners.routes.rover import Mobility, effort, energy_per_metre, predicted
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.route import Leg

@@ -3,7 +3,7 @@ import pytest
 import shapely
 
 from planners import ErrorModel, VarianceDrivenConfig, plan
-from planners.prediction.informative import variance_driven
+from planners.patterns.variance_driven import variance_driven
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated
 from survey.reconstruction.gp.kernels import SquaredExponential

@@ -6,10 +6,9 @@ import shapely
 from affine import Affine
 from shapely import Polygon
 
-from planners.driving.ordering import connect
-from planners.ground.transit import FreeGround
-from planners.swaths.cells import cells
-from planners.swaths.decomposition import clipped, swaths_on, unswept
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import connect
+from planners.swaths.decomposition import cells, clipped, swaths_on, unswept
 from planners.swaths.heading import heading_by
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea

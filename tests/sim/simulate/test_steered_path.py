@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import planners
-from planners.steering.waypoints import WaypointSteering
+from planners.steered_paths import WaypointSteering
 from sim.config.rover import PhysicsConfig
 from sim.simulate.navigation import PoseEstimate, SensedTilt, SteeredPath
 from sim.simulate.simulated_drive import Ending
