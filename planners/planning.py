@@ -33,7 +33,7 @@ from survey.reconstruction.gp.kernels import Kernel
 logger = logging.getLogger(__name__)
 
 _NOTABLE_SHARE = 1e-3
-"""Share of the area above which ground that is left out is warned of."""
+"""Share of the area above which ground that is left out, or has no height, is warned of."""
 
 
 @check_types
@@ -231,8 +231,6 @@ def _if_covering(prior: Dem | None, route: Route) -> Dem | None:
 
 
 _N_ALONG = 64
-_NOTABLE = 1e-3
-"""Share of the area without a height that is warned of."""
 
 
 def covered_share(area: SurveyArea, prior: Dem) -> float:
@@ -294,7 +292,7 @@ def require_cover(area: SurveyArea, prior: Dem) -> float:
             f"the prior has no height on the area: the area's bounds are {inner} and those of the prior {outer}; "
             "give a prior that covers the area, or none."
         )
-    if share < 1.0 - _NOTABLE:
+    if share < 1.0 - _NOTABLE_SHARE:
         logger.warning(
             "the prior covers %.1f %% of the area; the terrain of the rest counts as unknown.", 100.0 * share
         )

@@ -31,13 +31,11 @@ from planners.guarantee.error_distribution import LimitPredictor
 from planners.guarantee.guarantee import STAKED_M, posterior_of
 from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.requirement import MapRequirement, Surface
-from planners.guarantee.survey_lines import SurveyLines, swath_counts
+from planners.guarantee.survey_lines import heading_and_width, swath_counts
 from planners.patterns.wavy import WavyConfig
 from planners.planning import planned_on
 from planners.prediction import places
-from planners.routes.shortest_paths import FreeGround
 from planners.routes.traversability import drivable
-from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.data.area import SurveyArea
@@ -388,8 +386,8 @@ def _surveys(area: SurveyArea, prior: Dem, config: SeasonConfig) -> Iterator[tup
     factor = settings_factor(area)
     step_m = factor * config.sample_step_m
     nodes = LimitPredictor(area, 1.0, step_m).nodes
-    heading_deg = across_marked_grain(FreeGround(area.free), prior)
-    width_m, site = SurveyLines(area, heading_deg).width_m, drivable(area)
+    heading_deg, width_m = heading_and_width(area, prior)
+    site = drivable(area)
     wavelength_m = WavyConfig(swaths=1).wavelength_scales * posterior.slope_length_m / factor
     for n in swath_counts(width_m, prior.step_m, requirement.in_grid_metres(factor)):
         shape = WavyConfig(swaths=n, wavelength_m=wavelength_m, heading_deg=heading_deg)

@@ -1,6 +1,6 @@
 """Process of the simulated rover behind MAVSDK's servers: mission, telemetry, parameters, actions.
 
-MAVSDK holds mission and fence, speaks the protocols and answers the ground station. The rover behind it takes what was
+MAVSDK holds mission and fence, runs the protocols with the ground station. The rover behind it takes what was
 received, drives, and publishes where it is (`serve_rover`). Starting a mission (MAV_CMD_MISSION_START) is no action of
 MAVSDK and is answered here.
 """

@@ -3,7 +3,7 @@
 `SurveyWatch` takes samples and silences, updates the map, follows the rover along the planned legs (`LegProgress`), warns
 of a rover that is stuck, silent or short of charge for the way home (`RoverWarnings`), and advises the next swath or the
 end (`advised`). The rule is that of `planners.guarantee.adaptive`: the survey ends when the probability that its map
-meets the limit is large enough. It may be asked after every swath, since a posterior probability keeps its meaning under
+meets the limit is large enough. It may be evaluated after every swath, since a posterior probability keeps its meaning under
 optional stopping.
 """
 

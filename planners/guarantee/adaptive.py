@@ -11,7 +11,7 @@ By the law of total expectation
 .. math::  P(A) = E\left[ P(A \mid \text{samples until } \tau) \right] \ge p
 
 where the survey stops only at a probability of p or more, whatever else the rule depends on and however often it is
-asked: a posterior probability keeps its meaning under optional stopping (Rouder 2014, Psychonomic Bulletin & Review 21,
+evaluated: a posterior probability keeps its meaning under optional stopping (Rouder 2014, Psychonomic Bulletin & Review 21,
 301; Hendriksen, de Heide and Grünwald 2021, Bayesian Analysis 16, 961). That needs a posterior that is right on average:
 the roughness is therefore checked on lines left out (`planners.guarantee.kernel_posterior`), and what remains is a spread
 measured on real ground.

@@ -29,15 +29,13 @@ from planners.guarantee.error_distribution import (
 from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.simulated_surveys import RESAMPLED, SimulatedErrors, SimulatedSurveys
-from planners.guarantee.survey_lines import SurveyLines, swath_counts
 from planners.guarantee.survey_lines import fewest as first_enough
+from planners.guarantee.survey_lines import heading_and_width, swath_counts
 from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.wavy import WavyConfig
 from planners.planning import planned_on, require_cover
 from planners.prediction import places
-from planners.routes.shortest_paths import FreeGround
 from planners.routes.traversability import Drivable, drivable
-from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray, Progress
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -229,9 +227,7 @@ class SwathSearch:
         SwathSearch
             With nothing predicted yet.
         """
-        # A covariance that is alike in all directions does not show ridges that run beside the swaths.
-        heading_deg = across_marked_grain(FreeGround(area.free), prior)
-        width_m = SurveyLines(area, heading_deg).width_m
+        heading_deg, width_m = heading_and_width(area, prior)
         return cls(
             requirement,
             prior,

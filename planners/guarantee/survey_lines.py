@@ -18,9 +18,11 @@ from planners.patterns.wavy import WavyConfig, wavy
 from planners.planning import plan
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import clipped
+from planners.swaths.heading import across_marked_grain
 from planners.swaths.reference_lines import axes_of, shortened
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.area import SurveyArea
+from survey.data.dem import Dem
 from survey.data.route import Route
 
 _INSET_SHARE = 0.25
@@ -159,6 +161,13 @@ def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
 
 _MOST_SWATHS = 30
 _WIDEST_CELLS = 5.0
+
+
+def heading_and_width(area: SurveyArea, prior: Dem) -> tuple[float, float]:
+    """Return the heading of swaths across a marked grain of a prior [deg], and the area's width across them [m]."""
+    # A covariance that is alike in all directions does not show ridges that run beside the swaths.
+    heading_deg = across_marked_grain(FreeGround(area.free), prior)
+    return heading_deg, SurveyLines(area, heading_deg).width_m
 
 
 def fewest(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:

@@ -254,7 +254,7 @@ def _most(length_m: Callable[[int], float], budget_m: float) -> int:
 
 
 def _fewest(choice: Callable[[int], Choice], rmse_m: float) -> Choice | None:
-    """Return the choice with the fewest swaths that is predicted to err no more than asked."""
+    """Return the choice with the fewest swaths that is predicted to reach the wanted error."""
     low, high = 0, 1
     found = choice(high)
     while found.rmse_m > rmse_m:

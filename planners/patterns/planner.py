@@ -65,34 +65,12 @@ class LayoutTask(NamedTuple):
 
 
 def never(config: Any) -> bool:  # noqa: ARG001
-    """Return False for every configuration.
-
-    Parameters
-    ----------
-    config : PatternConfig
-        Settings of a planner.
-
-    Returns
-    -------
-    bool
-        False.
-    """
+    """Return False for every configuration."""
     return False
 
 
 def always(config: Any) -> bool:  # noqa: ARG001
-    """Return True for every configuration.
-
-    Parameters
-    ----------
-    config : PatternConfig
-        Settings of a planner.
-
-    Returns
-    -------
-    bool
-        True.
-    """
+    """Return True for every configuration."""
     return True
 
 

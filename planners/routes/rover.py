@@ -311,7 +311,7 @@ class Crew:
 
     @property
     def is_unbound(self) -> bool:
-        """Whether nothing is asked but to drive every swath."""
+        """Whether there is no constraint but to drive every swath."""
         finishes = self.fleet.return_to_start or self.fleet.end_m is not None
         return not (self.makes_round_trips or finishes or self.rover.turn_radius_m > 0.0)
 

@@ -138,7 +138,7 @@ def unswept(
 
     Parallel swaths leave the tips beyond their ends where a border is slanted; no metre
     of such a tip is farther than half a spacing from the line that the swath is cut from.
-    Ground within `headland_m` of a border is not asked for.
+    Ground within `headland_m` of a border is left out.
     """
     _require_spacing(spacing_m)
     half_m = (0.5 + _THREAD_SHARE) * spacing_m

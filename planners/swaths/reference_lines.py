@@ -93,7 +93,7 @@ def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
 
 
 def n_lines(width_m: float, config: SwathConfig) -> int:
-    """Return the number of lines that a width takes at the asked spacing."""
+    """Return the number of lines that a width takes at the wanted spacing."""
     if config.spacing_m is None:
         return config.swaths or 1
     require_lines(int(min(width_m / config.spacing_m, 1e15)), width_m)
