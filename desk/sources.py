@@ -15,26 +15,7 @@ if TYPE_CHECKING:
 
 
 def open_workspace(source: Path | None, folder: Path) -> Workspace:
-    """Open what the command names.
-
-    Parameters
-    ----------
-    source : pathlib.Path or None
-        Raster of elevations, plan of the desk (``.desk.json``), mission file (``.toml``), run folder, or None for the
-        plan in `folder` that was changed last.
-    folder : pathlib.Path
-        The current folder; plans of missions and runs are stored there.
-
-    Returns
-    -------
-    Workspace
-        Its working folder is that of the raster or the plan.
-
-    Raises
-    ------
-    InputError, ConfigError
-        Nothing to open, or it cannot be used.
-    """
+    """Open what the command names."""
     source = source or _latest_plan(folder)
     if source.name.endswith(SUFFIX):
         history = read_history(source)

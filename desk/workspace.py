@@ -24,21 +24,9 @@ if TYPE_CHECKING:
 class Workspace:
     """Everything that one desk works on; close it when the server ends.
 
-    Parameters
-    ----------
-    terrain : pathlib.Path
-        Raster of prior elevations. One in degrees is projected for the map as ``firnline plan`` does.
-    plan_file : pathlib.Path
-        File of the plan's history; its folder is the working folder.
-    first : PlanDocument
-        Document to begin with where there is no such file.
-    opened_run : pathlib.Path, optional
-        Run that the desk was opened with.
-
-    Raises
-    ------
-    InputError, ConfigError
-        The raster or the file of the plan cannot be used.
+    `terrain`: raster of prior elevations. One in degrees is projected for the map as ``firnline plan`` does.
+    `plan_file`: file of the plan's history; its folder is the working folder. `first`: document to begin with
+    where there is no such file. `opened_run`: run that the desk was opened with.
     """
 
     def __init__(
@@ -81,18 +69,7 @@ class Workspace:
         return self.folder / f"{self.name}_measured"
 
     def measured_file(self, role: Literal["points", "checkpoints", "driven"]) -> Path | None:
-        """Return a file of real measurements; None where none was taken.
-
-        Parameters
-        ----------
-        role : {"points", "checkpoints", "driven"}
-            What it holds.
-
-        Returns
-        -------
-        pathlib.Path or None
-            In the folder of the measurements.
-        """
+        """Return a file of real measurements; None where none was taken."""
         name = self.store.document.measured.get(role)
         return None if name is None else self.measurements / name
 

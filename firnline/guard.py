@@ -13,13 +13,6 @@ def foreign_package() -> str | None:
     Python finds the modules of the current folder first, so that a script ``sim.py`` hides the
     package `sim`.
 
-    Returns
-    -------
-    str or None
-        What was found, what was expected, and what to do.
-
-    Examples
-    --------
     >>> foreign_package() is None
     True
     """

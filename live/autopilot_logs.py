@@ -37,16 +37,10 @@ _APART_S = 60.0
 class LogColumns:
     """Rows of fixes, wheels and inertial readings.
 
-    Parameters
-    ----------
-    fixes : list
-        Time [s], longitude, latitude [deg], height [m], type of fix, stated horizontal error [m] or NaN.
-    wheels : list
-        Time [s], distance of the left and of the right side [m].
-    inertial : list
-        Time [s], rates [rad/s] and specific force [m/s²] forward, right, down.
-    headings : list
-        Time [s], yaw that the autopilot estimated, clockwise from true north [rad].
+    `fixes`: time [s], longitude, latitude [deg], height [m], type of fix, stated horizontal error [m] or NaN.
+    `wheels`: time [s], distance of the left and of the right side [m]. `inertial`: time [s], rates [rad/s]
+    and specific force [m/s²] forward, right, down. `headings`: time [s], yaw that the autopilot estimated,
+    clockwise from true north [rad].
     """
 
     fixes: list[tuple[float, ...]] = field(default_factory=list)
@@ -55,25 +49,7 @@ class LogColumns:
     headings: list[tuple[float, ...]] = field(default_factory=list)
 
     def recording(self, path: Path, crs: CRS | str | None) -> tuple[Recording, tuple[str, ...]]:
-        """Return the recording, and what was left out or assumed.
-
-        Parameters
-        ----------
-        path : pathlib.Path
-            The log, for messages.
-        crs : str or pyproj.CRS, optional
-            Projected CRS; the UTM zone of the first fix by default.
-
-        Returns
-        -------
-        tuple of Recording and tuple of str
-            The start is that of the first fix.
-
-        Raises
-        ------
-        InputError
-            Fewer than two fixes.
-        """
+        """Return the recording, and what was left out or assumed."""
         rows = np.array(self.fixes, dtype=np.float64).reshape(-1, 6)
         is_fix = (rows[:, 4] >= LEAST_FIX) & np.isfinite(rows[:, :4]).all(axis=1)
         rows = rows[is_fix]
@@ -148,25 +124,6 @@ _MICRO, _MILLI, _PER_DEGREE = 1e-6, 1e-3, 1e7
 def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[Recording, tuple[str, ...]]:
     """Read fixes with their quality, wheels, inertial readings and headings from the log of an autopilot.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        ``.bin`` or ``.tlog`` of ArduPilot, ``.ulg`` of PX4. Of several receivers or inertial units the first counts.
-    crs : str or pyproj.CRS, optional
-        Projected CRS; the UTM zone of the first fix by default.
-
-    Returns
-    -------
-    tuple of Recording and tuple of str
-        The recording, and notes on what was left out.
-
-    Raises
-    ------
-    InputError
-        A file that is missing, damaged or of another kind, or with fewer than two fixes.
-
-    Notes
-    -----
     Wheels are read from ArduPilot (WENC, WHEEL_DISTANCE); PX4 logs angles of wheels without their radius. The yaw that an
     autopilot estimated counts as its compass. Its roll and pitch are not read: localization estimates them from the inertial
     readings.

@@ -27,14 +27,8 @@ _MOST_PORT = 65535
 class LinkAddress:
     """Address of a MAVLink connection.
 
-    Parameters
-    ----------
-    text : str
-        As the user wrote it.
-    device : str
-        Device in the notation of pymavlink.
-    baud : int
-        Bits per second of a serial line.
+    `text`: as the user wrote it. `device`: device in the notation of pymavlink. `baud`: bits per second of a
+    serial line.
     """
 
     text: str
@@ -45,23 +39,6 @@ class LinkAddress:
     def parsed(cls, text: str) -> "LinkAddress":
         """Read an address.
 
-        Parameters
-        ----------
-        text : str
-            ``udp://HOST:PORT``, ``udpin://HOST:PORT``, ``tcp://HOST:PORT`` or ``serial:///dev/DEVICE:BAUD``.
-
-        Returns
-        -------
-        LinkAddress
-            For `live.link.Vehicle.connected`.
-
-        Raises
-        ------
-        InputError
-            Another scheme, or no host or port.
-
-        Examples
-        --------
         >>> LinkAddress.parsed("udp://127.0.0.1:14550").device
         'udpout:127.0.0.1:14550'
         >>> LinkAddress.parsed("serial:///dev/ttyUSB0:115200").baud
@@ -109,16 +86,9 @@ class LinkLostError(InputError):
 class Vehicle:
     """A vehicle whose heartbeat was received.
 
-    Parameters
-    ----------
-    connection : object
-        Of pymavlink's ``mavutil.mavlink_connection``.
-    address : LinkAddress
-        Where it was opened, for messages.
-    patience_s : float
-        Time without any message after which the link counts as lost [s].
-    system : int, optional
-        System id to speak to; by default the first whose autopilot is heard.
+    `connection`: of pymavlink's ``mavutil.mavlink_connection``. `address`: where it was opened, for messages.
+    `patience_s`: time without any message after which the link counts as lost [s]. `system`: system id to
+    speak to; by default the first whose autopilot is heard.
     """
 
     def __init__(
@@ -135,24 +105,7 @@ class Vehicle:
     ) -> "Iterator[Vehicle]":
         """Open a connection, wait for the vehicle's heartbeat, and close the connection at the end.
 
-        Parameters
-        ----------
-        address : LinkAddress
-            Of the vehicle.
-        patience_s : float
-            How long to wait for a message [s].
-        system : int, optional
-            System id of the vehicle; by default the first that is heard.
-
-        Yields
-        ------
-        Vehicle
-            That can be sent to.
-
-        Raises
-        ------
-        InputError
-            The connection cannot be opened, or no vehicle is heard.
+        `patience_s`: how long to wait for a message [s].
         """
         connection = opened(address)
         try:
@@ -173,13 +126,7 @@ class Vehicle:
         return f"{NAMES.get(self.autopilot, 'the autopilot')} of system {self.system}"
 
     def wait_for_heartbeat(self) -> None:
-        """Wait for the heartbeat of an autopilot.
-
-        Raises
-        ------
-        LinkLostError
-            None comes within the patience.
-        """
+        """Wait for the heartbeat of an autopilot."""
         until = monotonic() + self.patience_s
         while monotonic() < until:
             message = self._next(("HEARTBEAT",), _WAIT_S)
@@ -197,17 +144,7 @@ class Vehicle:
     def receive(self, types: tuple[str, ...], timeout_s: float) -> Any | None:
         """Return the next message of some types from this vehicle, or None after a time.
 
-        Parameters
-        ----------
-        types : tuple of str
-            Names of messages.
-        timeout_s : float
-            How long to wait [s].
-
-        Returns
-        -------
-        object or None
-            Message of pymavlink.
+        `timeout_s`: how long to wait [s].
         """
         until = monotonic() + timeout_s
         while (left_s := until - monotonic()) > 0.0:
@@ -228,23 +165,7 @@ class Vehicle:
 
 
 def opened(address: LinkAddress) -> Any:
-    """Open a connection of MAVLink 2.
-
-    Parameters
-    ----------
-    address : LinkAddress
-        Where.
-
-    Returns
-    -------
-    object
-        Connection of pymavlink, whose parser skips damaged packets.
-
-    Raises
-    ------
-    InputError
-        A port that is in use, a device that is missing, a host that refuses, or a serial line without pyserial.
-    """
+    """Open a connection of MAVLink 2."""
     os.environ.setdefault("MAVLINK20", "1")
     from pymavlink import mavutil
 

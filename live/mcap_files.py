@@ -63,12 +63,7 @@ _FRAME = "local"
 class McapMessages:
     """Messages in a local frame; channels are registered when they are first used.
 
-    Parameters
-    ----------
-    writer : mcap.writer.Writer
-        Of the file.
-    origin : (3,) ndarray
-        Easting, northing and height of the frame's origin [m].
+    `writer`: of the file. `origin` (3,): easting, northing and height of the frame's origin [m].
     """
 
     def __init__(self, writer: Writer, origin: FloatArray) -> None:
@@ -77,13 +72,7 @@ class McapMessages:
         self._channels: dict[str, int] = {}
 
     def begin(self, crs: CRS) -> None:
-        """Write the header, and the frame as metadata.
-
-        Parameters
-        ----------
-        crs : CRS
-            Of the survey.
-        """
+        """Write the header, and the frame as metadata."""
         self.writer.start(profile="", library="firnline")
         east, north, up = (repr(float(value)) for value in self.origin)
         frame = {"frame_id": _FRAME, "crs": crs.to_wkt(), "east_m": east, "north_m": north, "up_m": up}
@@ -92,16 +81,7 @@ class McapMessages:
     def add(self, topic: str, schema: str, time_s: float, content: dict[str, Any]) -> None:
         """Write one message.
 
-        Parameters
-        ----------
-        topic : str
-            Name of its channel.
-        schema : str
-            Name in `live.mcap_files.SCHEMAS`.
-        time_s : float
-            Of the message [s].
-        content : dict
-            Without time and frame.
+        `time_s`: of the message [s].
         """
         if topic not in self._channels:
             text = json.dumps(SCHEMAS[schema]).encode()
@@ -116,14 +96,8 @@ class McapMessages:
     def add_map(self, grid: Grid, fields: tuple[FloatArray, FloatArray], time_s: float) -> None:
         """Write heights and standard deviations of a map's nodes as points, since grids of viewers are flat.
 
-        Parameters
-        ----------
-        grid : Grid
-            Nodes.
-        fields : tuple of (H, W) ndarray
-            Heights and standard deviations [m]; nodes without them are left out.
-        time_s : float
-            Of the map [s].
+        `fields`: heights and standard deviations [m]; nodes without them are left out. `time_s`: of the map
+        [s].
         """
         rows = np.column_stack([grid.xy, *(field.ravel() for field in fields)])
         rows = rows[np.isfinite(rows).all(axis=1)]
@@ -155,25 +129,7 @@ _UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
 def write_drive_mcap(log: Path, path: Path) -> dict[str, int]:
-    """Replay the log of a watch, and write what it shows.
-
-    Parameters
-    ----------
-    log : pathlib.Path
-        Of ``firnline watch --log``.
-    path : pathlib.Path
-        File to write.
-
-    Returns
-    -------
-    dict
-        Number of messages by topic.
-
-    Raises
-    ------
-    InputError
-        A file that is no log, or a log without a sample.
-    """
+    """Replay the log of a watch, and write what it shows."""
     with replacing(path) as draft, draft.open("wb") as stream:
         mcap: McapMessages | None = None
         for watch, entry in replayed_states(log):
@@ -209,25 +165,7 @@ def _write_drive(mcap: McapMessages, watch: SurveyWatch) -> None:
 
 
 def write_run_mcap(run: RunFolder, path: Path) -> dict[str, int]:
-    """Write what a run has: path and landmarks of each rover, images, map.
-
-    Parameters
-    ----------
-    run : RunFolder
-        Localized at least.
-    path : pathlib.Path
-        File to write.
-
-    Returns
-    -------
-    dict
-        Number of messages by topic.
-
-    Raises
-    ------
-    InputError
-        A run that is not localized yet.
-    """
+    """Write what a run has: path and landmarks of each rover, images, map."""
     places = drive_folders(run.verified("localize"))
     crs = Route.read(run.verified("plan") / "route.geojson").crs
     drives = [Trajectory.read(place / "trajectory.csv", crs) for place in places]

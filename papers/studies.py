@@ -87,34 +87,13 @@ def study(name: str) -> Study:
 
 
 def record(folder: Path, *, quick: bool) -> None:
-    """Record that a study is complete: the version and depth that made it, and the checksums of its files.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The study's folder; files in folders below it (blocks of trials) are not listed.
-    quick : bool
-        Whether it was made smaller and rougher.
-    """
+    """Record that a study is complete: the version and depth that made it, and the checksums of its files."""
     files = [path for path in folder.iterdir() if path.is_file() and path.name != RECORD]
     write_record(folder, files, {"firnline": version("firnline"), "quick": quick})
 
 
 def is_complete(folder: Path, *, quick: bool) -> bool:
-    """Return whether a study is complete, unchanged, and made by this version of firnline.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The study's folder.
-    quick : bool
-        Whether a quick study will do; a full one always does.
-
-    Returns
-    -------
-    bool
-        False also when the record itself is damaged.
-    """
+    """Return whether a study is complete, unchanged, and made by this version of firnline."""
     try:
         made = read_record(folder)
     except InputError:
@@ -130,24 +109,6 @@ def replacing_study(folder: Path, *, quick: bool) -> Iterator[Path]:
     after an error or a kill. The next call continues in it: the folders of blocks in it stay, its files are
     made again. A finished study gets the name ``.<name>.draft`` before it is exchanged with the old one,
     so that the old one is never taken for an unfinished study.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The study's place; its parents are created.
-    quick : bool
-        Whether it is made smaller and rougher.
-
-    Yields
-    ------
-    pathlib.Path
-        The draft, with no files in it.
-
-    Raises
-    ------
-    InputError
-        The old folder holds files that its record does not list, the draft cannot be created, or
-        another process makes the study.
     """
     draft = folder.with_name(f"{folder.name}.unfinished{'-quick' if quick else ''}")
     refuse_foreign(folder, _own_files(folder))

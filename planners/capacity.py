@@ -23,20 +23,8 @@ MOST_ROVERS = 100
 def require_lines(n: int, width_m: float) -> None:
     """Refuse more parallel swaths than can be planned.
 
-    Parameters
-    ----------
-    n : int
-        Number of swaths.
-    width_m : float
-        Width of the ground across them [m].
+    `width_m`: width of the ground across them [m].
 
-    Raises
-    ------
-    CapacityError
-        More than `MOST_LINES`.
-
-    Examples
-    --------
     >>> require_lines(100, 600.0)
     """
     if n > MOST_LINES:
@@ -49,19 +37,7 @@ def require_lines(n: int, width_m: float) -> None:
 def require_waypoints(n: float, name: str, value: float) -> None:
     """Refuse a setting that leads to more waypoints than can be held.
 
-    Parameters
-    ----------
-    n : float
-        Number of waypoints.
-    name : str
-        Setting that decides it, inversely proportional.
-    value : float
-        Its value [m].
-
-    Raises
-    ------
-    CapacityError
-        More than `MOST_WAYPOINTS`.
+    `value`: its value [m].
     """
     if n > MOST_WAYPOINTS:
         raise CapacityError(
@@ -73,19 +49,7 @@ def require_waypoints(n: float, name: str, value: float) -> None:
 def require_samples(length_m: float, step_m: float, most: int = MOST_PLACES) -> None:
     """Refuse a sample spacing that gives more samples than can be computed with.
 
-    Parameters
-    ----------
-    length_m : float
-        Length of the route [m].
-    step_m : float
-        Distance between samples [m].
-    most : int
-        Largest number of samples.
-
-    Raises
-    ------
-    CapacityError
-        More than `most` samples.
+    `length_m`: length of the route [m]. `step_m`: distance between samples [m].
     """
     if length_m > most * step_m:
         raise CapacityError(
@@ -95,18 +59,7 @@ def require_samples(length_m: float, step_m: float, most: int = MOST_PLACES) -> 
 
 
 def require_cells(n_cells: int) -> None:
-    """Refuse a prior with more cells over the area than can be computed with.
-
-    Parameters
-    ----------
-    n_cells : int
-        Cells over the area.
-
-    Raises
-    ------
-    CapacityError
-        More than `MOST_CELLS`.
-    """
+    """Refuse a prior with more cells over the area than can be computed with."""
     if n_cells > MOST_CELLS:
         raise CapacityError(
             f"the prior has {n_cells} cells over the area; at most {MOST_CELLS} can be used: take cells at least "
@@ -117,17 +70,7 @@ def require_cells(n_cells: int) -> None:
 def require_nodes(n_nodes: float, cell_m: float) -> None:
     """Refuse a predicted map with more nodes than can be computed.
 
-    Parameters
-    ----------
-    n_nodes : float
-        Number of nodes.
-    cell_m : float
-        Distance between them [m].
-
-    Raises
-    ------
-    CapacityError
-        More than `MOST_NODES`.
+    `cell_m`: distance between them [m].
     """
     if n_nodes > MOST_NODES:
         raise CapacityError(
@@ -137,18 +80,7 @@ def require_nodes(n_nodes: float, cell_m: float) -> None:
 
 
 def require_rovers(n: int) -> None:
-    """Refuse a fleet that is too large.
-
-    Parameters
-    ----------
-    n : int
-        Number of rovers.
-
-    Raises
-    ------
-    CapacityError
-        More than `MOST_ROVERS`.
-    """
+    """Refuse a fleet that is too large."""
     if n > MOST_ROVERS:
         raise CapacityError(
             f"{n} rovers were asked for; at most {MOST_ROVERS} can be planned, split the area."

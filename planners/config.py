@@ -86,18 +86,6 @@ AnyModel = TypeVar("AnyModel", bound=BaseModel)
 def settings_factor(area: SurveyArea) -> float:
     """Return the factor that turns metres of settings into grid metres.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-
-    Returns
-    -------
-    float
-        1 where the mean linear scale factor over the area is within 1 % of 1, else that factor.
-
-    Examples
-    --------
     >>> settings_factor(SurveyArea.rectangle((499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0), "EPSG:32608"))
     1.0
     >>> settings_factor(SurveyArea.rectangle((0.0, 8_399_000.0, 1000.0, 8_400_000.0), "EPSG:3857"))
@@ -110,20 +98,6 @@ def settings_factor(area: SurveyArea) -> float:
 def in_grid_metres(settings: AnyModel, factor: float) -> AnyModel:
     """Return settings with their horizontal lengths in grid metres.
 
-    Parameters
-    ----------
-    settings : pydantic.BaseModel
-        Lengths are the fields named in this module, such as ``spacing_m``; None is left as it is.
-    factor : float
-        As `settings_factor` returns it.
-
-    Returns
-    -------
-    pydantic.BaseModel
-        The same object for a factor of 1.
-
-    Examples
-    --------
     >>> from planners.patterns.lawnmower import LawnmowerConfig
     >>> in_grid_metres(LawnmowerConfig(spacing_m=50.0), 2.0).spacing_m
     100.0
@@ -136,20 +110,7 @@ def in_grid_metres(settings: AnyModel, factor: float) -> AnyModel:
 
 
 def dem_in_grid_metres(dem: Dem | None, factor: float) -> Dem | None:
-    """Return a DEM with heights in grid metres, so that its slopes are those of the ground.
-
-    Parameters
-    ----------
-    dem : Dem or None
-        Heights in metres.
-    factor : float
-        As `settings_factor` returns it.
-
-    Returns
-    -------
-    Dem or None
-        The same object for a factor of 1.
-    """
+    """Return a DEM with heights in grid metres, so that its slopes are those of the ground."""
     if dem is None or factor == 1.0:
         return dem
     return Dem(factor * dem.elevation, dem.transform, dem.crs, dem.vertical_datum)

@@ -135,31 +135,7 @@ def planned_on(
     sample_step_m: float = 10.0,
     progress: Progress | None = None,
 ) -> Route:
-    """Plan a route on ground that was found drivable, without checks and warnings.
-
-    Parameters
-    ----------
-    site : Drivable
-        Of the area, as `drivable` returns it.
-    area : SurveyArea
-        What is to be surveyed.
-    config : PatternConfig
-        The pattern and its settings, with metres on the ground.
-    crew : Crew, optional
-        Rovers and prior elevations.
-    kernel, noise_m, sample_step_m, progress
-        As for `plan`.
-
-    Returns
-    -------
-    Route
-        With the prediction of `plan`, except the map scale and the share that the prior covers.
-
-    Raises
-    ------
-    InputError
-        No prior and no kernel where they are needed; an area that no swath meets.
-    """
+    """Plan a route on ground that was found drivable, without checks and warnings."""
     planner, crew, factor = planner_of(config), crew or Crew(), settings_factor(area)
     if kernel is None and planner.needs_kernel(config):
         kernel = _kernel_of(crew.dem, area)
@@ -236,25 +212,8 @@ _N_ALONG = 64
 def covered_share(area: SurveyArea, prior: Dem) -> float:
     """Return the share of the area's free ground that lies on cells with a height.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-    prior : Dem
-        Elevations in the area's CRS.
+    Returns: between 0 and 1, from 64 places along the longer side of the area.
 
-    Returns
-    -------
-    float
-        Between 0 and 1, from 64 places along the longer side of the area.
-
-    Raises
-    ------
-    InputError
-        A prior in another CRS.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> dem = Dem.on(Grid((5.0, 5.0, 45.0, 95.0), 10.0, "EPSG:32608"), np.zeros((10, 5)))
     >>> covered_share(SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), "EPSG:32608"), dem)
@@ -266,25 +225,7 @@ def covered_share(area: SurveyArea, prior: Dem) -> float:
 
 
 def require_cover(area: SurveyArea, prior: Dem) -> float:
-    """Return the covered share; warn where some of the area has no height, refuse where all of it has none.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-    prior : Dem
-        Elevations in the area's CRS.
-
-    Returns
-    -------
-    float
-        As `covered_share` returns it.
-
-    Raises
-    ------
-    InputError
-        A prior in another CRS, or without a height on the area.
-    """
+    """Return the covered share; warn where some of the area has no height, refuse where all of it has none."""
     share = covered_share(area, prior)
     if share == 0.0:
         inner, outer = (tuple(round(b, 1) for b in bounds) for bounds in (area.bounds, prior.bounds))
@@ -302,25 +243,8 @@ def require_cover(area: SurveyArea, prior: Dem) -> float:
 def cell_centres(area: SurveyArea, n_along: int) -> FloatArray:
     """Return the centres of square cells on the free ground.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-    n_along : int
-        Number of cells along the longer side of its bounds.
+    Returns (M, 2): easting and northing [m].
 
-    Returns
-    -------
-    (M, 2) ndarray
-        Easting and northing [m].
-
-    Raises
-    ------
-    InputError
-        No centre lies on the free ground.
-
-    Examples
-    --------
     >>> cell_centres(SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608"), 2).tolist()
     [[5.0, 5.0], [15.0, 5.0]]
     """

@@ -37,25 +37,8 @@ def spread_places(area: SurveyArea, n: int) -> FloatArray:
 
     Places on a square grid would all lie on swaths, or all between them, where the swaths are as far apart as the nodes.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-    n : int
-        About how many places.
+    Returns (M, 2): easting and northing [m]; any first part of them is spread evenly.
 
-    Returns
-    -------
-    (M, 2) ndarray
-        Easting and northing [m]; any first part of them is spread evenly.
-
-    Raises
-    ------
-    InputError
-        No place lies on the free ground.
-
-    Examples
-    --------
     >>> spread_places(SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608"), 2).round(1).tolist()
     [[5.1, 0.7], [0.2, 6.4]]
     """
@@ -75,21 +58,8 @@ _N_NEAREST = 120
 def variance_from_nearest(kernel: Kernel, xy: FloatArray, sigma_m: float, at: FloatArray) -> FloatArray:
     """Return the variance at places, each predicted from its 120 nearest samples, which screen those beyond.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Covariance of the terrain [m²].
-    xy : (N, 2) ndarray
-        Easting and northing of the samples [m].
-    sigma_m : float
-        Standard deviation of a sample [m].
-    at : (M, 2) ndarray
-        The places [m].
-
-    Returns
-    -------
-    (M,) ndarray
-        Variance [m²].
+    `kernel`: covariance of the terrain [m²]. `xy` (N, 2): easting and northing of the samples [m]. `sigma_m`:
+    standard deviation of a sample [m]. `at` (M, 2): the places [m]. Returns (M,): variance [m²].
     """
     nearest = cKDTree(xy).query(at, min(_N_NEAREST, len(xy)))[1].reshape(len(at), -1)
     variance = np.empty(len(at))

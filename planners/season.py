@@ -71,34 +71,13 @@ SEASON_SURFACES: dict[Surface, SeasonSurface] = {
 class SeasonConfig:
     """Settings of a season's design.
 
-    Parameters
-    ----------
-    wanted : float
-        Half the width of the 95 % interval of the mass balance [m w.e.] or of the change of volume [%].
-    unit : {"m w.e.", "%"}
-        Unit of `wanted`.
-    first_day, last_day : datetime.date
-        Days that the two surveys are about.
-    surface : {"bare-ice", "snow"}
-        Class of the ground.
-    melt_m_we_day : float, optional
-        Mean melt of a day [m w.e.]; that of the surface by default.
-    emergence_m_year : float
-        Standard deviation of the mean vertical motion of the ice over the area [m per year]; 0 for a complete
-        glacier.
-    noise_m, shared_m : float
-        Standard deviation of a sample's height, and of an error that all samples of a survey share [m].
-    sample_step_m : float
-        Distance between samples [m].
-    km_a_day : float
-        Distance that is driven in a day [km].
-    max_swaths : int, optional
-        Most swaths to consider.
-
-    Raises
-    ------
-    ConfigError
-        A number out of its range, days in the wrong order, or a surface that is no glacier.
+    `wanted`: half the width of the 95 % interval of the mass balance [m w.e.] or of the change of volume [%].
+    `unit`: unit of `wanted`. `first_day`, `last_day`: days that the two surveys are about. `surface`: class
+    of the ground. `melt_m_we_day`: mean melt of a day [m w.e.]; that of the surface by default.
+    `emergence_m_year`: standard deviation of the mean vertical motion of the ice over the area [m per year];
+    0 for a complete glacier. `noise_m`, `shared_m`: standard deviation of a sample's height, and of an error
+    that all samples of a survey share [m]. `sample_step_m`: distance between samples [m]. `km_a_day`:
+    distance that is driven in a day [km]. `max_swaths`: most swaths to consider.
     """
 
     wanted: float
@@ -189,21 +168,7 @@ class ErrorBudget(NamedTuple):
 def budget_of(config: SeasonConfig, mean_error_m: float, n_stakes: int, n_days: float) -> ErrorBudget:
     """Return the error budget of two surveys of a design.
 
-    Parameters
-    ----------
-    config : SeasonConfig
-        Melt, flow, density, and errors of the samples.
-    mean_error_m : float
-        Standard deviation of the area's mean height in one survey [m].
-    n_stakes : int
-        Number of stakes.
-    n_days : float
-        Days that one survey takes.
-
-    Returns
-    -------
-    ErrorBudget
-        By cause.
+    `mean_error_m`: standard deviation of the area's mean height in one survey [m].
     """
     surface = SEASON_SURFACES[config.surface]
     both, known = np.sqrt(2.0), np.sqrt(1.0 + n_stakes)
@@ -220,20 +185,8 @@ def budget_of(config: SeasonConfig, mean_error_m: float, n_stakes: int, n_days: 
 def mean_error_m(xy: FloatArray, nodes: FloatArray, posterior: KernelPosterior) -> float:
     """Return the standard deviation of the mean height over nodes, from samples at places [m].
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Places of the samples [m]; where there are more than 1000, fewer stand for all, with less noise.
-    nodes : (M, 2) ndarray
-        Places that are spread evenly over the area [m].
-    posterior : KernelPosterior
-        Covariances that the terrain may have.
-
-    Returns
-    -------
-    float
-        Weighted over the covariances, with the mean square of the posterior's factor of the error as if it were
-        log-normal.
+    `xy` (N, 2): places of the samples [m]; where there are more than 1000, fewer stand for all, with less
+    noise. `nodes` (M, 2): places that are spread evenly over the area [m].
     """
     every = max(int(np.ceil(len(xy) / _MOST_SAMPLES)), 1)
     parts = [one.weight * _mean_variance_m2(xy[::every], nodes, one, every) for one in posterior.kernels]
@@ -277,16 +230,9 @@ class SeasonOption(NamedTuple):
 class SeasonDesign:
     """Designs of a season that were compared.
 
-    Parameters
-    ----------
-    config : SeasonConfig
-        What is wanted.
-    options : tuple of SeasonOption
-        All designs, by stakes and swaths.
-    route : Route
-        Route of one survey of the best design.
-    best : SeasonOption
-        The design of the fewest days that gives the wanted error, or the one with the least error where none does.
+    `config`: what is wanted. `options`: all designs, by stakes and swaths. `route`: route of one survey of
+    the best design. `best`: the design of the fewest days that gives the wanted error, or the one with the
+    least error where none does.
     """
 
     config: SeasonConfig
@@ -300,18 +246,7 @@ class SeasonDesign:
         return self.best.error <= self.config.wanted
 
     def dates(self, option: SeasonOption) -> tuple[tuple[date, date], tuple[date, date]]:
-        """Return first and last day of each survey, about the wanted days.
-
-        Parameters
-        ----------
-        option : SeasonOption
-            One of the designs.
-
-        Returns
-        -------
-        tuple
-            Of the first and of the second survey.
-        """
+        """Return first and last day of each survey, about the wanted days."""
         before = timedelta(days=(option.n_days - 1) // 2)
         length = timedelta(days=option.n_days - 1)
         first, last = (day - before for day in (self.config.first_day, self.config.last_day))
@@ -321,27 +256,6 @@ class SeasonDesign:
 def design_season(area: SurveyArea, prior: Dem, config: SeasonConfig) -> SeasonDesign:
     """Find the swaths, stakes and days with which two surveys give a wanted error.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The glacier, or a part of it.
-    prior : Dem
-        Coarse elevations over the area, in its CRS.
-    config : SeasonConfig
-        Wanted error, dates, melt, flow, and errors of the samples.
-
-    Returns
-    -------
-    SeasonDesign
-        Check whether it `holds`.
-
-    Raises
-    ------
-    InputError
-        As `planners.guarantee.guarantee.guarantee` does.
-
-    Notes
-    -----
     The error is that of the mean over the area, not of the map. Melt is taken to be alike all season; systematic
     errors of the receiver that both surveys share cancel and are not included, and neither are basal or internal
     melt.

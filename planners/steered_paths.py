@@ -292,26 +292,10 @@ class WaypointSteering:
     The same attitudes give the same path as `rollout`, except where a swath cannot be driven as steered: there the
     rest of it follows the swath's line.
 
-    Parameters
-    ----------
-    route : Route
-        The reference swaths of one rover, as `plan` returns them.
-    steering : Steering
-        Chooses the headings.
-    ground : shapely.Geometry
-        The free ground; waypoints stay on it.
-    rng : numpy.random.Generator
-        Source of the switching.
-    mobility : Mobility, optional
-        For the time and energy of the route so far.
+    `route`: the reference swaths of one rover, as `plan` returns them. `steering`: chooses the headings.
+    `ground`: the free ground; waypoints stay on it. `rng`: source of the switching. `mobility`: for the time
+    and energy of the route so far.
 
-    Raises
-    ------
-    InputError
-        A route without a spacing, or for several rovers.
-
-    Examples
-    --------
     >>> import planners
     >>> from survey.data.area import SurveyArea
     >>> area = SurveyArea.rectangle((0.0, 0.0, 100.0, 60.0), "EPSG:32608")
@@ -350,13 +334,7 @@ class WaypointSteering:
         return start
 
     def driven(self) -> Route:
-        """Return the route so far, with the swaths that it deviates from.
-
-        Returns
-        -------
-        Route
-            Its last leg ends at the last waypoint that was chosen.
-        """
+        """Return the route so far, with the swaths that it deviates from."""
         legs = list(self._done)
         if self._band is not None and len(self._track) > 1:
             legs.append(Leg("swath", np.array(self._track), axis=self._band.axis))
@@ -366,15 +344,7 @@ class WaypointSteering:
     def next_stretch(self, attitude: Attitude) -> FloatArray | None:
         """Return the waypoints that follow the last ones, or None at the end of the route.
 
-        Parameters
-        ----------
-        attitude : Attitude
-            Sensed attitude of the rover at the last waypoint.
-
-        Returns
-        -------
-        (K, 2) ndarray or None
-            Easting and northing [m].
+        Returns (K, 2): easting and northing [m].
         """
         if self._band is None:
             if not self._to_come:

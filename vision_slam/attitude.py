@@ -208,17 +208,8 @@ def standing_bias(inertial: Inertial, before_s: float) -> StandingBias | None:
 
     .. math::  (f_x, f_y)^T / g = R(\psi)^T n + b
 
-    Parameters
-    ----------
-    inertial : Inertial
-        Readings; those before `before_s` were taken on one spot.
-    before_s : float
-        When the drive begins [s].
-
-    Returns
-    -------
-    StandingBias or None
-        None where the rover did not stand under headings a third of a turn apart.
+    `before_s`: when the drive begins [s]. Returns: None where the rover did not stand under headings a third
+    of a turn apart.
     """
     waiting = inertial.time_s < before_s
     if waiting.sum() < _N_STANDING:
@@ -248,8 +239,6 @@ def gravity_tilt(inertial: Inertial, odometry: Odometry) -> GravityTilt:
 
     The accelerometer's own bias is still in them: in the smoother it is an unknown.
 
-    Examples
-    --------
     >>> times = np.arange(4.0)
     >>> odometry = Odometry(times, np.zeros((3, 3)), np.zeros((4, 3)))
     >>> force = np.tile([-0.981, 0.0, 9.76], (4, 1))  # nose down is positive pitch

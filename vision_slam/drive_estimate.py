@@ -74,30 +74,15 @@ class DriveEstimate:
     With fixes they are in the CRS of the recording; without, in the frame of the first image
     (x forward, y left, z up).
 
-    Parameters
-    ----------
-    time_s : (N,) ndarray
-        Times of the poses [s].
-    position, quaternion : (N, 3) and (N, 4) ndarray
-        Poses of the body; the quaternion as x, y, z, w.
-    landmarks : (M, 3) ndarray
-        Points of the surface; none where the fixes contradict the images too much.
-    sigma_z_m : (M,) ndarray
-        Standard deviation of their elevation [m].
-    visual_odometry : VisualOdometry, optional
-        Odometry of the images, where images were processed.
-    trajectory, points : optional
-        Path and landmarks in the CRS, with covariances.
-    own_covariance : (N, 3, 3) ndarray, optional
-        Covariances of the positions without a CRS, in units of the path.
-    online : Trajectory, optional
-        The causal path: each pose uses only records up to its own time.
-    notes : tuple of str
-        Corrections of the input and assumptions about it, one sentence each.
-    n_fixes, n_fixes_refused : int
-        Fixes within the time of the path, and those of them that failed the innovation gate.
-    ice_motion : IceMotion, optional
-        Motion of the ice, where it was estimated; path and landmarks are then those of its epoch.
+    `time_s` (N,): times of the poses [s]. `position`, `quaternion` (N, 3) and (N, 4): poses of the body; the
+    quaternion as x, y, z, w. `landmarks` (M, 3): points of the surface; none where the fixes contradict the
+    images too much. `sigma_z_m` (M,): standard deviation of their elevation [m]. `visual_odometry`: odometry
+    of the images, where images were processed. `trajectory`, `points`: path and landmarks in the CRS, with
+    covariances. `own_covariance` (N, 3, 3): covariances of the positions without a CRS, in units of the path.
+    `online`: the causal path: each pose uses only records up to its own time. `notes`: corrections of the
+    input and assumptions about it, one sentence each. `n_fixes`, `n_fixes_refused`: fixes within the time of
+    the path, and those of them that failed the innovation gate. `ice_motion`: motion of the ice, where it was
+    estimated; path and landmarks are then those of its epoch.
     """
 
     time_s: FloatArray
@@ -117,18 +102,7 @@ class DriveEstimate:
 
     @classmethod
     def in_crs(cls, result: Localization) -> "DriveEstimate":
-        """Return the estimate of a recording with fixes.
-
-        Parameters
-        ----------
-        result : Localization
-            Result of `vision_slam.localize`.
-
-        Returns
-        -------
-        DriveEstimate
-            In the CRS of the recording; without landmarks where these do not hold.
-        """
+        """Return the estimate of a recording with fixes."""
         path, points = result.trajectory, result.points if result.landmarks_hold else None
         return cls(
             path.time_s,
@@ -151,17 +125,7 @@ class DriveEstimate:
     def in_first_frame(cls, visual: VisualOdometry, covariance: FloatArray | None = None) -> "DriveEstimate":
         """Return the estimate of images without fixes.
 
-        Parameters
-        ----------
-        visual : VisualOdometry
-            Odometry and sightings of the images.
-        covariance : (N, 3, 3) ndarray, optional
-            Covariances of the positions relative to the first, in units of the path.
-
-        Returns
-        -------
-        DriveEstimate
-            In the frame of the first image.
+        `covariance` (N, 3, 3): covariances of the positions relative to the first, in units of the path.
         """
         odometry, sightings = visual.odometry, visual.sightings
         path = dead_reckoning(odometry, np.zeros(3))
@@ -220,16 +184,9 @@ _STRETCH_SHARE = 0.1  # of the path, over which relative errors are taken
 class Comparison:
     """Poses of an estimate and of its reference at the same times.
 
-    Parameters
-    ----------
-    position, reference : (K, 3) ndarray
-        Positions of both [m].
-    covariance : (K, 3, 3) ndarray, optional
-        Claimed covariances of `position` [m²].
-    is_lost : (K,) ndarray of bool, optional
-        Whether each pose is unreliable.
-    attitude, reference_attitude : (K, 3, 3) ndarray, optional
-        Rotations of both, body to world; None where the reference has positions only.
+    `position`, `reference` (K, 3): positions of both [m]. `covariance` (K, 3, 3): claimed covariances of
+    `position` [m²]. `is_lost` (K,) bool: whether each pose is unreliable. `attitude`, `reference_attitude`
+    (K, 3, 3): rotations of both, body to world; None where the reference has positions only.
     """
 
     position: FloatArray
@@ -327,13 +284,7 @@ def _poses(position: FloatArray, attitude: FloatArray) -> FloatArray:
 
 
 def compare_in_crs(estimate: Trajectory, reference: Trajectory) -> Comparison:
-    """Compare a trajectory with a reference in the same CRS, interpolated to its times.
-
-    Raises
-    ------
-    InputError
-        Another CRS, or no common time.
-    """
+    """Compare a trajectory with a reference in the same CRS, interpolated to its times."""
     same_crs(estimate.crs, reference.crs, "the estimate and its reference")
     common = (estimate.time_s >= reference.time_s[0]) & (estimate.time_s <= reference.time_s[-1])
     if common.sum() < 2:
@@ -352,13 +303,7 @@ def compare_in_crs(estimate: Trajectory, reference: Trajectory) -> Comparison:
 
 
 def compare_from_start(estimate: DriveEstimate, time_s: FloatArray, reference: FloatArray) -> Comparison:
-    """Compare an estimate with reference poses (R, 4, 4), both relative to the first pose that they share.
-
-    Raises
-    ------
-    InputError
-        Fewer than two poses have a reference within 0.01 s.
-    """
+    """Compare an estimate with reference poses (R, 4, 4), both relative to the first pose that they share."""
     estimated, real = match_times(estimate.time_s, time_s)
     if len(estimated) < 2:
         raise InputError(
@@ -378,13 +323,7 @@ def compare_from_start(estimate: DriveEstimate, time_s: FloatArray, reference: F
 
 
 def compare_aligned(estimate: DriveEstimate, time_s: FloatArray, reference: FloatArray) -> Comparison:
-    """Compare a path in a CRS with reference poses (R, 4, 4) of their own frame, moved onto it by heading and shift.
-
-    Raises
-    ------
-    InputError
-        Fewer than two poses have a reference within 0.01 s.
-    """
+    """Compare a path in a CRS with reference poses (R, 4, 4) of their own frame, moved onto it by heading and shift."""
     own = compare_from_start(estimate, time_s, reference)
     place, real = own.position - own.position.mean(axis=0), own.reference - own.reference.mean(axis=0)
     z, g = (level[:, 0] + 1j * level[:, 1] for level in (real, place))

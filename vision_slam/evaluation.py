@@ -110,20 +110,8 @@ def absolute_errors_m(
 ) -> FloatArray:
     """Return the absolute trajectory error of each matched position after an alignment.
 
-    Parameters
-    ----------
-    estimate, reference : (N, 3) ndarray
-        Matched positions [m].
-    kind : {"none", "se3", "sim3"}
-        Alignment before the comparison.
+    `estimate`, `reference` (N, 3): matched positions [m]. Returns (N,): distances [m].
 
-    Returns
-    -------
-    (N,) ndarray
-        Distances [m].
-
-    Examples
-    --------
     >>> places = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     >>> absolute_errors_m(places + [3.0, 0.0, 4.0], places).tolist()
     [5.0, 5.0, 5.0, 5.0]
@@ -144,24 +132,8 @@ def relative_errors(
     (R_i⁻¹ R_j)⁻¹ (E_i⁻¹ E_j) with R the reference's poses and E the estimated ones; the
     errors are the length of its translation and the angle of its rotation.
 
-    Parameters
-    ----------
-    estimate, reference : (N, 4, 4) ndarray
-        Matched poses, body to world.
-    distance_m : float
-        Length of a stretch [m].
-
-    Returns
-    -------
-    translation_m : (S,) ndarray
-        Errors of translation [m].
-    rotation_rad : (S,) ndarray
-        Errors of rotation [rad].
-
-    Raises
-    ------
-    InputError
-        The estimate is shorter than one stretch.
+    `estimate`, `reference` (N, 4, 4): matched poses, body to world. `distance_m`: length of a stretch [m].
+    Returns `translation_m` (S,): errors of translation [m]. `rotation_rad` (S,): errors of rotation [rad].
     """
     steps = np.linalg.norm(np.diff(estimate[:, :3, 3], axis=0), axis=1)
     ends, since = [0], 0.0
@@ -193,20 +165,9 @@ def match_times(
 ) -> tuple[IntArray, IntArray]:
     """Pair times: each of the shorter list with its nearest in the other, where not farther than `within_s`.
 
-    Parameters
-    ----------
-    first_s, second_s : (N,) and (M,) ndarray
-        Increasing times [s].
-    within_s : float
-        Largest difference of a pair [s].
+    `first_s`, `second_s` (N,) and (M,): increasing times [s]. `within_s`: largest difference of a pair [s].
+    Returns `first, second` (K,) int: indices of the pairs.
 
-    Returns
-    -------
-    first, second : (K,) ndarray of int
-        Indices of the pairs.
-
-    Examples
-    --------
     >>> [list(map(int, side)) for side in match_times(np.array([0.0, 1.0]), np.array([0.001, 0.5, 2.0]))]
     [[0], [0]]
     """
@@ -231,15 +192,7 @@ class Alignment:
     def applied(self, position: FloatArray) -> FloatArray:
         """Apply the transform to positions (N, 3).
 
-        Parameters
-        ----------
-        position : (N, 3) ndarray
-            Positions [m].
-
-        Returns
-        -------
-        (N, 3) ndarray
-            Transformed positions [m].
+        `position` (N, 3): positions [m]. Returns (N, 3): transformed positions [m].
         """
         moved: FloatArray = self.scale * position @ self.rotation.T + self.translation
         return moved
@@ -257,25 +210,8 @@ def alignment(
 
     ``"se3"`` sets s = 1; ``"none"`` aligns nothing.
 
-    Parameters
-    ----------
-    estimate, reference : (N, 3) ndarray
-        Matched positions [m].
-    kind : {"none", "se3", "sim3"}
-        Group of the transform.
+    `estimate`, `reference` (N, 3): matched positions [m].
 
-    Returns
-    -------
-    Alignment
-        Transform from the estimate to the reference.
-
-    Raises
-    ------
-    InputError
-        Different shapes, or places that are all the same or on a line, which fix no rotation.
-
-    Examples
-    --------
     >>> places = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     >>> alignment(places, 2.0 * places + 5.0).scale
     2.0
@@ -322,22 +258,8 @@ def consistency(errors: FloatArray, covariances: FloatArray, probability: float 
     The errors must be of independent runs: poses of one drive share their drift, and the
     band would be far too narrow for them.
 
-    Parameters
-    ----------
-    errors : (N, D) ndarray
-        Errors of N independent runs.
-    covariances : (N, D, D) ndarray
-        Their claimed covariances.
-    probability : float
-        Probability of the band.
+    `errors` (N, D): errors of N independent runs. `covariances` (N, D, D): their claimed covariances.
 
-    Returns
-    -------
-    Consistency
-        Mean and band.
-
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> errors = rng.normal(0.0, 2.0, (200, 3))
     >>> consistency(errors, np.tile(4.0 * np.eye(3), (200, 1, 1))).is_honest

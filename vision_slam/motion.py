@@ -239,8 +239,6 @@ def gyro_residual_rad(inertial: Inertial, odometry: Odometry) -> FloatArray:
     Each reading is the mean rate over the time before it. NaN where readings lack. The
     odometry's roll and pitch, bounded by gravity, give the vertical.
 
-    Examples
-    --------
     >>> times = np.arange(4.0)
     >>> odometry = Odometry(times, np.zeros((3, 3)), np.zeros((4, 3)))
     >>> rates = np.tile([0.0, 0.0, 0.01], (4, 1))
@@ -279,20 +277,9 @@ def _turns(inertial: Inertial, times: FloatArray) -> tuple[Rotation, BoolArray]:
 def dead_reckoning(odometry: Odometry, start: FloatArray) -> FloatArray:
     """Integrate the steps of an odometry from a start.
 
-    Parameters
-    ----------
-    odometry : Odometry
-        Steps in the body frame [m] and attitudes in the world [rad].
-    start : (3,) ndarray
-        Position of the first pose [m].
+    `odometry`: steps in the body frame [m] and attitudes in the world [rad]. `start` (3,): position of the
+    first pose [m]. Returns (N, 3): positions in the world [m].
 
-    Returns
-    -------
-    (N, 3) ndarray
-        Positions in the world [m].
-
-    Examples
-    --------
     >>> odometry = Odometry(np.arange(3.0), np.tile([1.0, 0.0, 0.0], (2, 1)), np.tile([0.0, 0.0, 0.5 * np.pi], (3, 1)))
     >>> dead_reckoning(odometry, np.array([5.0, 0.0, 0.0])).round(6).tolist()
     [[5.0, 0.0, 0.0], [5.0, 1.0, 0.0], [5.0, 2.0, 0.0]]

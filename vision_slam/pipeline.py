@@ -143,14 +143,7 @@ def measure_motion(
     config: LocalizationConfig,
     visual: VisualOdometry | None,
 ) -> Drive:
-    """Take the odometry and sightings of the images, or the recorded ones.
-
-    Raises
-    ------
-    InputError
-        Odometry without sightings, images that could not be followed, or fixes that cannot
-        give a scale.
-    """
+    """Take the odometry and sightings of the images, or the recorded ones."""
     settings = _stated(recording, config)
     if not recording.start_is_surveyed:
         settings = _foreign(settings, visual)

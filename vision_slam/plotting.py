@@ -32,25 +32,6 @@ def tracks_on_frames(
     CLAHE (right), with the same settings otherwise. A line is the latest track of an inlier, the
     dot its last pixel. Near corners have a triangulated distance; the others, on the horizon,
     give rotation only.
-
-    Parameters
-    ----------
-    drive : VisionRecords
-        Recording or sequence with at least two images.
-    config : VisualOdometryConfig, optional
-        As used for the odometry.
-    n_places : int
-        How many places.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
-
-    Raises
-    ------
-    InputError
-        No images.
     """
     if drive.frames is None or drive.camera is None:
         raise InputError("the drive has no images; tracks on frames need some.")

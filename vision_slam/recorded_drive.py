@@ -49,14 +49,9 @@ class ReferencePoses(NamedTuple):
 class RecordedDrive:
     """A recording that is ready to be localized.
 
-    Parameters
-    ----------
-    records : Recording or ImageSequence
-        A recording has fixes in a CRS; a sequence of images has none.
-    notes : tuple of str
-        What its reader did or assumed, one sentence each.
-    reference_time_s, reference : (R,) and (R, 4, 4) ndarray, optional
-        Reference poses of the layout, in a frame of their own.
+    `records`: a recording has fixes in a CRS; a sequence of images has none. `notes`: what its reader did or
+    assumed, one sentence each. `reference_time_s`, `reference` (R,) and (R, 4, 4): reference poses of the
+    layout, in a frame of their own.
     """
 
     records: Recording | ImageSequence
@@ -85,23 +80,7 @@ class RecordedDrive:
         return self.records.gps if isinstance(self.records, Recording) else None
 
     def config(self, overrides: Sequence[str] = ()) -> LocalizationConfig:
-        """Return the errors assumed of the sensors.
-
-        Parameters
-        ----------
-        overrides : sequence of str
-            As in a mission file: ``localization.gps_bias_sigma_m=3.0``.
-
-        Returns
-        -------
-        LocalizationConfig
-            Defaults with the overrides.
-
-        Raises
-        ------
-        ConfigError
-            An unknown key, a value of another kind, or a surveyed start that the recording lacks.
-        """
+        """Return the errors assumed of the sensors."""
         values = _sections(overrides)
         if values["localization"].get("start") == "surveyed" and not self.start_is_surveyed:
             raise ConfigError(
@@ -110,23 +89,7 @@ class RecordedDrive:
         return validated(LocalizationConfig, values["localization"], "--set")
 
     def visual_config(self, overrides: Sequence[str] = ()) -> VisualOdometryConfig:
-        """Return the settings of visual odometry.
-
-        Parameters
-        ----------
-        overrides : sequence of str
-            ``visual.pixel_sigma=1.0``; those of other sections are left out.
-
-        Returns
-        -------
-        VisualOdometryConfig
-            Defaults with the overrides.
-
-        Raises
-        ------
-        ConfigError
-            An unknown key, or a value of another kind.
-        """
+        """Return the settings of visual odometry."""
         return validated(VisualOdometryConfig, _sections(overrides)["visual"], "--set")
 
     def localize(
@@ -141,27 +104,6 @@ class RecordedDrive:
 
         With fixes this is `vision_slam.localize`, or `vision_slam.localize_on_ice`; without, the path is that of visual
         odometry.
-
-        Parameters
-        ----------
-        config : LocalizationConfig, optional
-            Errors assumed of the sensors.
-        progress : callable, optional
-            Progress callback (stage, done, total).
-        visual_config : VisualOdometryConfig, optional
-            Settings of visual odometry.
-        motion : IceMotion, optional
-            Prior of the motion of the ice, at the epoch of the result; without it the ground rests.
-
-        Returns
-        -------
-        DriveEstimate
-            Path and landmarks.
-
-        Raises
-        ------
-        InputError
-            The images or the fixes do not suffice.
         """
         if motion is not None:
             return self._localized_on_ice(motion, config, progress, visual_config)
@@ -202,18 +144,8 @@ class RecordedDrive:
     ) -> Comparison | None:
         """Compare an estimate with a reference from a file, or with that of the layout.
 
-        Parameters
-        ----------
-        estimate : DriveEstimate
-            Result of `localize`.
-        reference : Trajectory or ReferencePoses, optional
-            Result of `read_reference`.
-
-        Returns
-        -------
-        Comparison or None
-            None without any reference. A reference in a frame of its own is moved to the first
-            common pose, and beside a path in a CRS by heading and shift onto the path.
+        Returns: None without any reference. A reference in a frame of its own is moved to the first common
+        pose, and beside a path in a CRS by heading and shift onto the path.
         """
         if isinstance(reference, Trajectory):
             path = estimate.fixed_trajectory
@@ -225,26 +157,7 @@ class RecordedDrive:
         return compare_from_start(estimate, self.reference_time_s, self.reference @ estimate.T_body_tracked)
 
     def read_reference(self, path: Path) -> Trajectory | ReferencePoses:
-        """Read a reference path.
-
-        Parameters
-        ----------
-        path : Path
-            KITTI ``poses.txt``, one pose for each image. Else ``.csv`` or ``.tum`` in the CRS of the
-            recording, or the file of a receiver that `vision_slam.readers.gps_files.read_gps` reads, such
-            as a table of RTK fixes on the clock of the recording; for images alone TUM in a frame of
-            its own.
-
-        Returns
-        -------
-        Trajectory or ReferencePoses
-            Poses in a frame of their own for KITTI and for images alone.
-
-        Raises
-        ------
-        InputError
-            Missing or damaged.
-        """
+        """Read a reference path."""
         if not isinstance(self.records, Recording) or is_kitti(path):
             return self._read_own_poses(path)
         if not is_receiver_file(path):

@@ -47,36 +47,8 @@ def open_recording(
 ) -> RecordedDrive:
     """Open a firnline recording, a ROS bag, or a folder of images, and check it.
 
-    Parameters
-    ----------
-    source : str or Path
-        See `vision_slam.readers.folders.read_sequence` and `vision_slam.readers.bags.read_bag`.
-    camera : str or Path, optional
-        ``camera.toml`` to use instead of the calibration that came with the images.
-    topics : sequence of str
-        Topics of a bag.
-    gps : str or Path, optional
-        Fixes recorded beside the images.
-    crs : str or pyproj.CRS, optional
-        Projected CRS to work in; the UTM zone of the first fix unless given.
-    gps_shift_s : float
-        Added to the times of the fixes [s].
-    scale_from_m : float, optional
-        Take the scale from the first metres of the layout's reference [m].
-    columns : sequence of str
-        Columns of a table of fixes by key, such as ``time=t,x=Easting``.
-    frame_rate_hz : float, optional
-        Images per second, for a folder of images without times.
-
-    Returns
-    -------
-    RecordedDrive
-        What `localize` takes is its `records`, where there are fixes.
-
-    Raises
-    ------
-    InputError, ConfigError
-        An unknown layout, damaged files, or options that do not fit the recording.
+    `gps_shift_s`: added to the times of the fixes [s]. `scale_from_m`: take the scale from the first metres
+    of the layout's reference [m].
     """
     place = Path(source)
     if not place.exists():
@@ -170,20 +142,6 @@ _WINDOW_S = 1.0
 def refuse_other_units(inertial: Inertial | None, wheels: Wheels | None) -> None:
     """Refuse readings of inertial unit and encoders whose units or axes are not those of a recording.
 
-    Parameters
-    ----------
-    inertial : Inertial, optional
-        In the body frame; a force of 0 throughout is that of a unit without accelerometer.
-    wheels : Wheels, optional
-        Distances rolled.
-
-    Raises
-    ------
-    InputError
-        Degrees per second, g, axes that do not point up, ticks, or one side reversed.
-
-    Examples
-    --------
     >>> level = np.tile([0.0, 0.0, 9.81], (3, 1))
     >>> refuse_other_units(Inertial(np.arange(3.0), np.zeros((3, 3)), level), None)
     """

@@ -51,18 +51,6 @@ def write_localization(folder: Path, estimate: DriveEstimate) -> None:
     too much; without, ``path.csv`` has the
     standard deviations of the positions relative to the first. On moving ice they are those of the
     epoch; ``trajectory_fixed.csv`` is the path in fixed coordinates, ``ice_motion.json`` the motion.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing folder.
-    estimate : DriveEstimate
-        Path and landmarks.
-
-    Raises
-    ------
-    InputError
-        A file cannot be written.
     """
     if estimate.trajectory is not None:
         estimate.trajectory.write(folder / "trajectory.csv")
@@ -118,24 +106,7 @@ def pictures_of(
     gps: GpsFixes | None = None,
     comparison: Comparison | None = None,
 ) -> dict[str, Figure]:
-    """Draw tracks on frames, the map with its ellipses and, with a reference, errors over distance.
-
-    Parameters
-    ----------
-    estimate : DriveEstimate
-        Path and landmarks.
-    drive : VisionRecords
-        The recording, for its images.
-    gps : GpsFixes, optional
-        Fixes to draw into the map.
-    comparison : Comparison, optional
-        Reference to draw.
-
-    Returns
-    -------
-    dict of str to matplotlib.figure.Figure
-        By file name without suffix.
-    """
+    """Draw tracks on frames, the map with its ellipses and, with a reference, errors over distance."""
     pictures = {
         "map": path_map(
             estimate.position,
@@ -175,13 +146,6 @@ def write_rrd(path: Path, estimate: DriveEstimate, drive: VisionRecords) -> None
 
     Places count from the first pose: rerun computes in single precision, which cuts
     eastings and northings to half a metre.
-
-    Raises
-    ------
-    ConfigError
-        rerun-sdk is not installed.
-    InputError
-        The file cannot be written.
     """
     refuse_without_rerun()
     import rerun as rr

@@ -19,26 +19,7 @@ _MOST_SWATHS = 120
 def guaranteed(planner: LivePlanner, document: PlanDocument, name: str, job: Job) -> dict[str, Any]:
     """Find the shortest survey that meets the requirement of a document.
 
-    Parameters
-    ----------
-    planner : LivePlanner
-        Of the terrain.
-    document : PlanDocument
-        With a requirement.
-    name : str
-        Name of the plan.
-    job : Job
-        Progress is reported to it.
-
-    Returns
-    -------
-    dict
-        ``holds``, a ``sentence``, and where it holds the settings of the pattern.
-
-    Raises
-    ------
-    InputError, ConfigError
-        What the command refuses.
+    Returns: ``holds``, a ``sentence``, and where it holds the settings of the pattern.
     """
     if not document.requirement.get("require"):
         raise ConfigError("no class is required; choose one, or an RMSE in metres.")
@@ -69,27 +50,7 @@ def _sentence(made: Guarantee) -> str:
 
 
 def error_curve(planner: LivePlanner, document: PlanDocument, job: Job) -> dict[str, Any]:
-    """Plan with fewer and more swaths, and report length and predicted error of each.
-
-    Parameters
-    ----------
-    planner : LivePlanner
-        Of the terrain.
-    document : PlanDocument
-        The plan.
-    job : Job
-        Each point is reported to it.
-
-    Returns
-    -------
-    dict
-        The number of points.
-
-    Raises
-    ------
-    InputError, ConfigError
-        The plan is refused, has no swaths, or no error is predicted.
-    """
+    """Plan with fewer and more swaths, and report length and predicted error of each."""
     chosen = planner.exact(document)
     if "rmse_m" not in chosen.plan.route.prediction:
         raise InputError(

@@ -22,10 +22,7 @@ class CancelledError(Exception):
 class Job:
     """Computation that reports events until it is done, refused or given up.
 
-    Parameters
-    ----------
-    work : callable
-        Called with the job; returns the result as plain values.
+    `work`: called with the job; returns the result as plain values.
     """
 
     def __init__(self, work: Callable[["Job"], dict[str, Any]]) -> None:
@@ -51,31 +48,12 @@ class Job:
         self._is_cancelled = True
 
     def report(self, kind: str, **values: Any) -> None:
-        """Add an event.
-
-        Parameters
-        ----------
-        kind : str
-            Such as ``progress``.
-        **values
-            Plain values.
-
-        Raises
-        ------
-        CancelledError
-            The job was given up.
-        """
+        """Add an event."""
         self.require_wanted()
         self._add({"kind": kind, **values})
 
     def require_wanted(self) -> None:
-        """End a job that was given up.
-
-        Raises
-        ------
-        CancelledError
-            The job was given up.
-        """
+        """End a job that was given up."""
         if self._is_cancelled:
             raise CancelledError
 
@@ -125,23 +103,7 @@ class Jobs:
         self._jobs: dict[str, Job] = {}
 
     def start(self, work: Callable[[Job], dict[str, Any]]) -> Job:
-        """Start a job.
-
-        Parameters
-        ----------
-        work : callable
-            As for `Job`.
-
-        Returns
-        -------
-        Job
-            Running.
-
-        Raises
-        ------
-        CapacityError
-            Several are running already.
-        """
+        """Start a job."""
         if sum(not job.is_over for job in self._jobs.values()) >= _MOST_RUNNING:
             raise CapacityError(f"{_MOST_RUNNING} computations are running; wait for one, or give it up.")
         job = Job(work)
@@ -152,23 +114,7 @@ class Jobs:
         return job
 
     def find(self, name: str) -> Job:
-        """Return a job by its name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Job
-            Running or over.
-
-        Raises
-        ------
-        InputError
-            There is none of this name.
-        """
+        """Return a job by its name."""
         job = self._jobs.get(name)
         if job is None:
             raise InputError(f"there is no computation {name[:40]!r}; start it again.")

@@ -23,27 +23,7 @@ _MOST_PLACES = 1500
 
 
 def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str, Any]:
-    """Run a mission and report its stages, images, paths, and the map as it grows.
-
-    Parameters
-    ----------
-    mission_file : pathlib.Path
-        As `write_mission` writes it; the runs are put beside it.
-    kernel : Kernel or None
-        Covariance for the growing map; without one it is not reported.
-    job : Job
-        Stages are reported to it; its files hold the folder of the report and the latest image.
-
-    Returns
-    -------
-    dict
-        Score and class of the map, and the place of the run.
-
-    Raises
-    ------
-    InputError, ConfigError
-        What a stage refuses.
-    """
+    """Run a mission and report its stages, images, paths, and the map as it grows."""
     mission = read_mission(mission_file)
     run = open_run(mission, mission_file.parent / "runs")
 

@@ -22,28 +22,7 @@ _MOST_LETTERS = 60
 def store_measured(role: str, name: str, content: bytes, crs: CRS, folder: Path) -> dict[str, Any]:
     """Read a file of measurements, and store it where it can be read.
 
-    Parameters
-    ----------
-    role : {"points", "checkpoints", "driven"}
-        Points of the surface, independent heights, or the route that was driven.
-    name : str
-        Name of the file.
-    content : bytes
-        The file.
-    crs : pyproj.CRS
-        CRS of the terrain, for files that name none.
-    folder : pathlib.Path
-        Where; it is created. A file of the same name is replaced.
-
-    Returns
-    -------
-    dict
-        ``file`` (its name there), ``kind`` and what the map shows of it.
-
-    Raises
-    ------
-    InputError
-        A damaged file, or one without what its role needs.
+    Returns: ``file`` (its name there), ``kind`` and what the map shows of it.
     """
     if role not in _READERS:
         raise ConfigError(f"the role {role[:40]!r} is none of {', '.join(_READERS)}.")
@@ -67,25 +46,7 @@ def show_measured(role: str, file: Path, crs: CRS) -> dict[str, Any]:
 
 
 def read_checkpoints(file: Path, crs: CRS) -> Checkpoints:
-    """Read checkpoints; heights without a stated uncertainty are taken to err by 0.05 m.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The table.
-    crs : pyproj.CRS
-        CRS of the terrain.
-
-    Returns
-    -------
-    Checkpoints
-        In that CRS.
-
-    Raises
-    ------
-    InputError
-        A damaged file, or points that were control.
-    """
+    """Read checkpoints; heights without a stated uncertainty are taken to err by 0.05 m."""
     return Checkpoints.read(file, crs=crs, sigma_m=SIGMA_M)
 
 

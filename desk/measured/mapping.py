@@ -32,31 +32,8 @@ def measured_map(
 ) -> dict[str, Any]:
     """Map measured points over the area, and score the map.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The area that is drawn.
-    points : pathlib.Path
-        Points of the surface.
-    prior : pathlib.Path
-        Raster of prior elevations.
-    folder : pathlib.Path
-        Folder of the measurements; the area and the map are written into it.
-    checkpoints : pathlib.Path, optional
-        Independent heights.
-    progress : callable
-        Called between the steps.
-
-    Returns
-    -------
-    dict
-        The pictures ``elevation`` and ``sigma``, ``sentences`` about the map's error, and the ``commands`` that do
-        the same.
-
-    Raises
-    ------
-    InputError
-        What the commands refuse.
+    Returns: the pictures ``elevation`` and ``sigma``, ``sentences`` about the map's error, and the
+    ``commands`` that do the same.
     """
     steps = 3 if checkpoints is None else 4
     area.write(folder / "area.gpkg")

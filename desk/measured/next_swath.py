@@ -25,30 +25,8 @@ def proposed_swath(
 ) -> dict[str, Any]:
     """Propose the swath to drive next, or find that none is needed or none would do.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The area.
-    prior : Dem
-        Prior elevations, for the grain of the terrain.
-    driven : Route
-        What was driven so far.
-    points : SurfacePoints
-        What was measured on it.
-    requirement : MapRequirement
-        What the map has to meet.
-    file : pathlib.Path
-        The proposed route is written to it.
-
-    Returns
-    -------
-    dict
-        ``sentence``, ``holds``, and the ``lines`` to drive (empty where there are none) with the ``file``.
-
-    Raises
-    ------
-    InputError
-        Too few samples, a route of several rovers, or an area that no swath meets.
+    Returns: ``sentence``, ``holds``, and the ``lines`` to drive (empty where there are none) with the
+    ``file``.
     """
     config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
     advice = next_swath(area, driven, points.xy, points.xyz[:, 2], config)

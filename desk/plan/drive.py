@@ -37,18 +37,9 @@ class DriveSums(NamedTuple):
 def drives(live: LivePlan, pyramid: ElevationPyramid) -> list[dict[str, Any]]:
     """Return the drive of each rover at about 400 samples.
 
-    Parameters
-    ----------
-    live : LivePlan
-        The plan. Times and energy end within a thousandth of those that it predicts.
-    pyramid : ElevationPyramid
-        Heights.
-
-    Returns
-    -------
-    list of dict
-        ``places``, ``heights_m`` (None where unknown), ``distance_m`` on the ground, ``time_s``, ``battery_share``
-        (None for an endless battery), ``energy_j``, and the first and last sample of each swath in ``swaths``.
+    Returns: ``places``, ``heights_m`` (None where unknown), ``distance_m`` on the ground, ``time_s``,
+    ``battery_share`` (None for an endless battery), ``energy_j``, and the first and last sample of each swath
+    in ``swaths``.
     """
     return [_drive(live, rover, pyramid) for rover in range(live.plan.route.n_rovers)]
 

@@ -26,24 +26,8 @@ _MOST_POINTS = 5000
 def dropped(name: str, content: bytes, crs: CRS) -> dict[str, Any]:
     """Return what a dropped file holds, in the CRS of the terrain.
 
-    Parameters
-    ----------
-    name : str
-        Name of the file; its ending names the format.
-    content : bytes
-        The file.
-    crs : pyproj.CRS
-        CRS of the terrain.
-
-    Returns
-    -------
-    dict
-        ``kind`` and either a ``document`` of shapes, an ``image`` with ``bounds``, or ``places`` with ``heights_m``.
-
-    Raises
-    ------
-    InputError
-        An unknown ending, a damaged file, or one in another projected CRS.
+    Returns: ``kind`` and either a ``document`` of shapes, an ``image`` with ``bounds``, or ``places`` with
+    ``heights_m``.
     """
     suffix = Path(name).suffix.lower()
     readers = {suffix: read for group, read in _READERS for suffix in group}
@@ -92,15 +76,7 @@ def _points(file: Path, crs: CRS) -> dict[str, Any]:
 def thinned_points(xyz: FloatArray) -> dict[str, Any]:
     """Return the number of points, and some of them for the map.
 
-    Parameters
-    ----------
-    xyz : (N, 3) ndarray
-        Easting, northing and height [m].
-
-    Returns
-    -------
-    dict
-        ``n_points``, ``places`` and ``heights_m``.
+    `xyz` (N, 3): easting, northing and height [m]. Returns: ``n_points``, ``places`` and ``heights_m``.
     """
     some = xyz[:: max(1, -(-len(xyz) // _MOST_POINTS))].round(3)
     return {"n_points": len(xyz), "places": some[:, :2].tolist(), "heights_m": some[:, 2].tolist()}

@@ -20,19 +20,8 @@ _SAMPLE_STEP_M = 10.0
 def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
     """Return the predicted standard deviation of a plan as an image with its place and legend.
 
-    Parameters
-    ----------
-    plan : AreaPlan
-        With a covariance.
-    detail : {"coarse", "fine"}
-        Fine is the standard deviation of the plan sheets. Coarse has fewer nodes, and fewer, better samples
-        stand for all.
-
-    Returns
-    -------
-    dict
-        ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``, ``p95_m``,
-        ``worst_m``.
+    Returns: ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``,
+    ``p95_m``, ``worst_m``.
     """
     std = _coarse_std(plan) if detail == "coarse" else plan.drawing.std(plan.route, plan.drawing.fine_cell_m)
     if std is None:

@@ -52,16 +52,8 @@ class ExportedFile(NamedTuple):
 class PlanExport(NamedTuple):
     """Plan whose files are wanted.
 
-    Parameters
-    ----------
-    live : LivePlan
-        The plan, with the covariance of its outline.
-    document : PlanDocument
-        From which it was made.
-    name : str
-        Name of the plan.
-    terrain : pathlib.Path
-        Raster of the prior.
+    `live`: the plan, with the covariance of its outline. `document`: from which it was made. `name`: name of
+    the plan. `terrain`: raster of the prior.
     """
 
     live: LivePlan
@@ -70,23 +62,7 @@ class PlanExport(NamedTuple):
     terrain: Path
 
     def file(self, kind: str) -> ExportedFile:
-        """Return a file of the plan.
-
-        Parameters
-        ----------
-        kind : str
-            One of `KINDS`.
-
-        Returns
-        -------
-        ExportedFile
-            The bytes that the command writes.
-
-        Raises
-        ------
-        InputError
-            An unknown kind, or what the format refuses.
-        """
+        """Return a file of the plan."""
         if kind not in KINDS:
             raise InputError(
                 f"the kind of file {kind!r} is not known; one of {', '.join(KINDS)} was expected."

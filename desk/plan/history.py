@@ -46,8 +46,6 @@ class EditStep(Section):
 class History(Section):
     """Steps of a document; those after `at` were undone and can be done again.
 
-    Examples
-    --------
     >>> begun = History.of(PlanDocument())
     >>> edited = begun.edited("Mark a start", PlanDocument(starts=((3.0, 4.0),)))
     >>> edited.moved(-1).document == PlanDocument(), edited.moved(-1).moved(1) == edited
@@ -113,19 +111,8 @@ class History(Section):
 class StoredHistory:
     """History that is written to its file at each change.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file, ``.desk.json``. It is written with the first edit.
-    terrain : str
-        Name of the raster of elevations.
-    first : PlanDocument
-        Document to begin with where there is no file.
-
-    Raises
-    ------
-    InputError, ConfigError
-        The file is damaged or of a newer version.
+    `path`: the file, ``.desk.json``. It is written with the first edit. `terrain`: name of the raster of
+    elevations. `first`: document to begin with where there is no file.
     """
 
     def __init__(self, path: Path, terrain: str, first: PlanDocument) -> None:
@@ -145,24 +132,7 @@ class StoredHistory:
         return self._history.document
 
     def edit(self, revision: int, title: str, document: PlanDocument) -> None:
-        """Add a step and write the file.
-
-        Parameters
-        ----------
-        revision : int
-            Revision that was edited.
-        title : str
-            What was done.
-        document : PlanDocument
-            Result of the edit.
-
-        Raises
-        ------
-        OutdatedError
-            Another edit came first.
-        InputError
-            The file cannot be written; the document stays as it was.
-        """
+        """Add a step and write the file."""
         with self._lock:
             self._require(revision)
             self._store(self._history.edited(title, document))
@@ -174,13 +144,7 @@ class StoredHistory:
             self._store(self._history.moved(by))
 
     def set_aside(self, name: str) -> None:
-        """Set the document aside as a variant, which can be undone; one of the same name is replaced.
-
-        Raises
-        ------
-        ConfigError
-            A name that is empty or too long, or too many variants.
-        """
+        """Set the document aside as a variant, which can be undone; one of the same name is replaced."""
         with self._lock:
             others = [_plain(variant) for variant in self._history.set_aside if variant.name != name]
             values = {"title": f"Set aside {name}"[:200], "document": _plain(self.document)}
@@ -214,23 +178,7 @@ class StoredHistory:
 
 
 def read_history(path: Path) -> History:
-    """Read a history.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A file ``.desk.json``.
-
-    Returns
-    -------
-    History
-        Steps and variants.
-
-    Raises
-    ------
-    InputError, ConfigError
-        The file is missing, damaged or of a newer version.
-    """
+    """Read a history."""
     values = read_json(path, "the plan of the desk")
     refuse_newer_schema(values, SCHEMA_VERSION, str(path))
     history = validated(History, values, str(path))

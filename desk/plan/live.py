@@ -23,14 +23,9 @@ from survey.reconstruction.gp.kernels import Kernel
 class LivePlan(NamedTuple):
     """Plan of a document.
 
-    Parameters
-    ----------
-    plan : AreaPlan
-        Route, prior, covariance, ground that is left out.
-    is_provisional : bool
-        Whether the covariance is that of an earlier outline, or not known yet.
-    no_error_because : str
-        Why no error is predicted; empty when it is.
+    `plan`: route, prior, covariance, ground that is left out. `is_provisional`: whether the covariance is
+    that of an earlier outline, or not known yet. `no_error_because`: why no error is predicted; empty when it
+    is.
     """
 
     plan: AreaPlan
@@ -52,12 +47,7 @@ class LivePlanner:
     seconds. While an outline is being changed, routes and errors are first computed with the covariance of the
     outline before, and said to be provisional.
 
-    Parameters
-    ----------
-    terrain : pathlib.Path
-        Raster of prior elevations.
-    crs : pyproj.CRS
-        Projected CRS of the documents.
+    `terrain`: raster of prior elevations. `crs`: projected CRS of the documents.
     """
 
     def __init__(self, terrain: Path, crs: CRS) -> None:
@@ -69,23 +59,7 @@ class LivePlanner:
         self._planning = Lock()
 
     def quick(self, document: PlanDocument) -> LivePlan:
-        """Plan with the covariance that is at hand.
-
-        Parameters
-        ----------
-        document : PlanDocument
-            The survey.
-
-        Returns
-        -------
-        LivePlan
-            Provisional where the covariance of the outline is not fitted yet.
-
-        Raises
-        ------
-        InputError, ConfigError
-            The plan is refused, for the reasons of `planners.plan`.
-        """
+        """Plan with the covariance that is at hand."""
         area = document.survey_area(self.crs)
         fitted = self._kernels.get(area.bounds)
         if fitted is not None:

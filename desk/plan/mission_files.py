@@ -24,27 +24,6 @@ def write_mission(live: LivePlan, document: PlanDocument, name: str, folder: Pat
     """Write a mission file with the area and the prior that it names.
 
     The true terrain of its simulation is drawn about the prior, as ``role = "prior"`` in a mission file says.
-
-    Parameters
-    ----------
-    live : LivePlan
-        The plan.
-    document : PlanDocument
-        From which it was made.
-    name : str
-        Name of the plan.
-    folder : pathlib.Path
-        Where; it is created.
-
-    Returns
-    -------
-    pathlib.Path
-        The mission file.
-
-    Raises
-    ------
-    ConfigError
-        A setting that a mission does not have.
     """
     folder.mkdir(parents=True, exist_ok=True)
     stem = _NOT_IN_NAMES.sub("-", name).strip("-._") or "survey"

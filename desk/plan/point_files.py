@@ -21,24 +21,7 @@ _COLUMNS = ("name", "kind", "easting_m", "northing_m", "longitude_deg", "latitud
 
 
 def write_points(document: PlanDocument, area: SurveyArea, prior: Dem | None, file: Path) -> None:
-    """Write stakes and checkpoints with names, as CSV, GPX or GeoPackage by the ending.
-
-    Parameters
-    ----------
-    document : PlanDocument
-        With at least one stake or checkpoint.
-    area : SurveyArea
-        States the CRS.
-    prior : Dem, optional
-        For heights by which points are found.
-    file : pathlib.Path
-        Ends in ``.csv``, ``.gpx`` or ``.gpkg``.
-
-    Raises
-    ------
-    InputError
-        No point is drawn, or the CRS is not tied to the Earth.
-    """
+    """Write stakes and checkpoints with names, as CSV, GPX or GeoPackage by the ending."""
     named = list(_named(document))
     if not named:
         raise InputError("no stake and no checkpoint is marked; mark one on the map first.")

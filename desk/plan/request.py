@@ -33,20 +33,7 @@ _SPELLINGS |= {"micro_relief_m": "micro-relief", "shared_m": "shared", "max_swat
 
 
 def request_of(document: PlanDocument, area: Path, terrain: Path, out: Path) -> PlanRequest:
-    """Return the options with which ``firnline plan`` makes the plan of a document.
-
-    Parameters
-    ----------
-    document : PlanDocument
-        Settings; the outline is that of `area`.
-    area, terrain, out : pathlib.Path
-        File of the area, raster of the prior, file to write.
-
-    Returns
-    -------
-    PlanRequest
-        Without the required class.
-    """
+    """Return the options with which ``firnline plan`` makes the plan of a document."""
     return PlanRequest(source=area, out=out, prior=terrain, **_given(document))
 
 
@@ -60,22 +47,6 @@ def requirement_request(document: PlanDocument, terrain: Path) -> PlanRequest:
 def command_of(document: PlanDocument, area: str, terrain: str, out: str, *, required: bool = False) -> str:
     """Return the command that makes the same plan.
 
-    Parameters
-    ----------
-    document : PlanDocument
-        The plan.
-    area, terrain, out : str
-        Names of the files.
-    required : bool
-        Whether the required class decides the pattern.
-
-    Returns
-    -------
-    str
-        One line for a shell.
-
-    Examples
-    --------
     >>> document = PlanDocument(planner={"pattern": "wavy", "swaths": 6}, rover={"max_pitch_deg": 20.0})
     >>> command_of(document, "site.gpkg", "srtm.tif", "route.geojson").split(" --")[2:]
     ['pattern wavy', 'swaths 6', 'set rover.max_pitch_deg=20.0 -o route.geojson']

@@ -12,22 +12,7 @@ from planners.swaths.reference_lines import swaths_text
 
 
 def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str) -> dict[str, Any]:
-    """Return what the page shows of a plan.
-
-    Parameters
-    ----------
-    live : LivePlan
-        The plan.
-    document : PlanDocument
-        From which it was made.
-    name, terrain : str
-        Names of the plan and of its raster of elevations.
-
-    Returns
-    -------
-    dict
-        Plain values.
-    """
+    """Return what the page shows of a plan."""
     route = live.plan.route
     texts = fact_texts(route.prediction)
     return {

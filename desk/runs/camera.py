@@ -10,15 +10,7 @@ _EVERY_S = 0.7
 
 @contextmanager
 def watched_frames(place: Path, report: Callable[[Path], None]) -> Iterator[None]:
-    """Report new images below a folder while the body runs.
-
-    Parameters
-    ----------
-    place : pathlib.Path
-        Folder of a run; images lie in folders ``frames`` below it, also below drafts of stages.
-    report : callable
-        Called with the latest complete image, in a thread of its own.
-    """
+    """Report new images below a folder while the body runs."""
     ended = Event()
 
     def follow() -> None:

@@ -21,24 +21,7 @@ from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES, Reconstru
 def run_layer(run: RunFolder, layer: str, crs: CRS) -> dict[str, Any]:
     """Return a map of a run as a picture.
 
-    Parameters
-    ----------
-    run : RunFolder
-        With a score.
-    layer : {"elevation", "sigma", "support", "error"}
-        What is drawn.
-    crs : pyproj.CRS
-        Of the desk.
-
-    Returns
-    -------
-    dict
-        A `desk.terrain.pictures.picture` with a ``title`` and the texts of both ``ends``.
-
-    Raises
-    ------
-    InputError
-        An unknown layer, a run in another CRS, or files that are damaged.
+    Returns: a `desk.terrain.pictures.picture` with a ``title`` and the texts of both ``ends``.
     """
     if layer not in _LAYERS:
         raise InputError(f"the layer {layer[:40]!r} is none of {', '.join(_LAYERS)}.")
@@ -50,22 +33,7 @@ def run_layer(run: RunFolder, layer: str, crs: CRS) -> dict[str, Any]:
 def difference_layer(one: RunFolder, other: RunFolder, crs: CRS) -> dict[str, Any]:
     """Return the map of one run minus that of another one as a picture.
 
-    Parameters
-    ----------
-    one, other : RunFolder
-        With a score.
-    crs : pyproj.CRS
-        Of the desk.
-
-    Returns
-    -------
-    dict
-        As for `run_layer`, with the root mean square ``rms_m`` of the difference.
-
-    Raises
-    ------
-    InputError
-        Runs in another CRS, or maps that do not overlap.
+    Returns: as for `run_layer`, with the root mean square ``rms_m`` of the difference.
     """
     first, second = (Reconstruction.read(run.folder("reconstruct")).mean for run in (one, other))
     for map_ in (first, second):
@@ -80,15 +48,7 @@ def difference_layer(one: RunFolder, other: RunFolder, crs: CRS) -> dict[str, An
 def map_layers(map_: Reconstruction) -> dict[str, dict[str, Any]]:
     """Return elevation and standard deviation of a map as pictures.
 
-    Parameters
-    ----------
-    map_ : Reconstruction
-        The map.
-
-    Returns
-    -------
-    dict of str to dict
-        ``elevation`` and ``sigma``, as for `run_layer`.
+    Returns: ``elevation`` and ``sigma``, as for `run_layer`.
     """
     return layers_of(map_.mean, map_.std)
 
@@ -96,15 +56,8 @@ def map_layers(map_: Reconstruction) -> dict[str, dict[str, Any]]:
 def layers_of(mean: Dem, std: Dem) -> dict[str, dict[str, Any]]:
     """Return elevation and standard deviation as pictures.
 
-    Parameters
-    ----------
-    mean, std : Dem
-        Heights and their standard deviations [m].
-
-    Returns
-    -------
-    dict of str to dict
-        ``elevation`` and ``sigma``, as for `run_layer`.
+    `mean`, `std`: heights and their standard deviations [m]. Returns: ``elevation`` and ``sigma``, as for
+    `run_layer`.
     """
     return {"elevation": _elevation(mean), "sigma": _sigma(std)}
 

@@ -47,15 +47,8 @@ class Gate:
     that of the server, against DNS rebinding. The origin, where the browser states one, has to be that of the
     page, against requests of other pages; requests that change something have to state it.
 
-    Parameters
-    ----------
-    app : ASGI application
-        What is behind the gate.
-    port : int
-        Port of the server on 127.0.0.1.
+    `app`: what is behind the gate. `port`: port of the server on 127.0.0.1.
 
-    Examples
-    --------
     >>> gate = Gate(lambda *_: None, 8000)
     >>> gate.address.startswith("http://127.0.0.1:8000/?token=")
     True

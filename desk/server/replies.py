@@ -29,13 +29,7 @@ def refused(request: Request, error: Exception) -> Response:
 
 
 async def body_of(request: Request) -> dict[str, Any]:
-    """Return the object that a request carries.
-
-    Raises
-    ------
-    ConfigError
-        It is no JSON object.
-    """
+    """Return the object that a request carries."""
     body = await request.body()
     try:
         content = json.loads(body)
@@ -47,20 +41,7 @@ async def body_of(request: Request) -> dict[str, Any]:
 
 
 def report_file(folder: Path | None, name: str) -> Response:
-    """Answer with a file of the report of a run; its scripts do not run here.
-
-    Parameters
-    ----------
-    folder : pathlib.Path or None
-        Folder of the report, where there is one.
-    name : str
-        Name of the file; only those directly in the folder are looked for.
-
-    Returns
-    -------
-    starlette.responses.Response
-        The file, or that there is none.
-    """
+    """Answer with a file of the report of a run; its scripts do not run here."""
     known = {} if folder is None else {file.name: file for file in folder.iterdir() if file.is_file()}
     file = known.get(name)
     if file is None or file.suffix not in _REPORT_TYPES:

@@ -19,24 +19,7 @@ _DEMO_FOLDER = Path("firnline-desk-demo")
 
 
 def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, demo: bool = False) -> None:
-    """Serve the desk until it is interrupted.
-
-    Parameters
-    ----------
-    source : pathlib.Path or None
-        What to open, as for `desk.sources.open_workspace`.
-    port : int
-        Port on 127.0.0.1; 0 for a free one.
-    opens_browser : bool
-        Whether the address is opened in the user's browser.
-    demo : bool
-        Open the sample site.
-
-    Raises
-    ------
-    InputError, ConfigError
-        The source cannot be used, or the port is taken.
-    """
+    """Serve the desk until it is interrupted."""
     with open_workspace(write_demo(_DEMO_FOLDER) if demo else source, Path.cwd()) as workspace:
         listener = _listener(port)
         gate = Gate(desk_app(workspace), listener.getsockname()[1])

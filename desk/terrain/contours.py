@@ -18,17 +18,8 @@ _TOLERANCE_CELLS = 0.1
 def contour_lines(pyramid: ElevationPyramid, bounds: Bounds) -> dict[str, Any]:
     """Return contour lines within bounds, at an interval that suits their relief.
 
-    Parameters
-    ----------
-    pyramid : ElevationPyramid
-        The terrain.
-    bounds : tuple of float
-        ``(xmin, ymin, xmax, ymax)`` [m].
-
-    Returns
-    -------
-    dict
-        ``interval_m``, and ``lines`` with ``height_m``, ``is_index`` (every fifth one) and ``places``.
+    `bounds`: ``(xmin, ymin, xmax, ymax)`` [m]. Returns: ``interval_m``, and ``lines`` with ``height_m``,
+    ``is_index`` (every fifth one) and ``places``.
     """
     part = pyramid.over(bounds, _MOST_CELLS)
     known = part.heights[np.isfinite(part.heights)]

@@ -12,17 +12,8 @@ _MOST_CELLS = 4_000_000
 def heights_at(pyramid: ElevationPyramid, places: FloatArray) -> FloatArray:
     """Interpolate bilinearly on the finest level on which all places fit into memory.
 
-    Parameters
-    ----------
-    pyramid : ElevationPyramid
-        The terrain.
-    places : (N, 2) ndarray
-        Easting and northing [m].
-
-    Returns
-    -------
-    (N,) ndarray
-        Height [m]; NaN off the terrain and beside unknown cells.
+    `places` (N, 2): easting and northing [m]. Returns (N,): height [m]; NaN off the terrain and beside
+    unknown cells.
     """
     t, (n_rows, n_columns) = pyramid.transform, pyramid.shape
     column, row = (places[:, 0] - t.c) / t.a, (places[:, 1] - t.f) / t.e

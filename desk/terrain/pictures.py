@@ -17,19 +17,8 @@ _MOST_PIXELS = 1024
 def picture(raster: Dem, table: Table, low: float, high: float) -> dict[str, Any]:
     """Draw a raster in the colours of a table.
 
-    Parameters
-    ----------
-    raster : Dem
-        Values; unknown ones are transparent. A large raster is thinned.
-    table : (256, 3) ndarray of uint8
-        Colours.
-    low, high : float
-        Values at both ends of the colours.
-
-    Returns
-    -------
-    dict
-        ``bounds`` [m], ``image`` (data address of a PNG), ``limits``, ``colours``.
+    `table` (256, 3): colours. Returns: ``bounds`` [m], ``image`` (data address of a PNG), ``limits``,
+    ``colours``.
     """
     step = max(1, -(-max(raster.shape) // _MOST_PIXELS))
     values = raster.elevation[::step, ::step]

@@ -24,14 +24,8 @@ _STRIP_CELLS = 4_000_000
 class Overview(NamedTuple):
     """Heights of a part of the terrain on one level.
 
-    Parameters
-    ----------
-    heights : (H, W) ndarray
-        NaN where none is known [m].
-    west, north : float
-        Outer corner of the first cell [m].
-    cell_m : float
-        Width of a cell [m].
+    `heights` (H, W): NaN where none is known [m]. `west`, `north`: outer corner of the first cell [m].
+    `cell_m`: width of a cell [m].
     """
 
     heights: FloatArray
@@ -46,15 +40,7 @@ class ElevationPyramid:
     Level k has cells of 2ᵏ cells of the raster. The finest levels are read from the file in windows;
     those that fit into memory are computed once, when they are first needed.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        Raster of elevations in a projected CRS, north-up with square cells.
-
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, turned, in degrees, or no raster of elevations.
+    `path`: raster of elevations in a projected CRS, north-up with square cells.
     """
 
     def __init__(self, path: Path) -> None:
@@ -103,15 +89,7 @@ class ElevationPyramid:
     def level(self, k: int) -> FloatArray:
         """Return a complete level that fits into memory.
 
-        Parameters
-        ----------
-        k : int
-            At least `base`.
-
-        Returns
-        -------
-        (H, W) ndarray
-            Mean heights [m], NaN where none is known.
+        Returns (H, W): mean heights [m], NaN where none is known.
         """
         with self._lock:
             if self.base not in self._levels:
@@ -124,15 +102,7 @@ class ElevationPyramid:
     def window(self, k: int, row: int, column: int, rows: int, columns: int) -> FloatArray:
         """Return a window of a level; NaN beyond the raster.
 
-        Parameters
-        ----------
-        k, row, column, rows, columns : int
-            Level, first row and column (negative ones lie beyond the raster) and size, in cells of the level.
-
-        Returns
-        -------
-        (rows, columns) ndarray
-            Heights [m].
+        Returns (rows, columns): heights [m].
         """
         result = np.full((rows, columns), np.nan)
         height, width = (-(-side // 2**k) for side in self.shape)
@@ -151,17 +121,7 @@ class ElevationPyramid:
     def over(self, bounds: Bounds, most_cells: int) -> Overview:
         """Return the part of the terrain within bounds, on the finest level on which it has few enough cells.
 
-        Parameters
-        ----------
-        bounds : tuple of float
-            ``(xmin, ymin, xmax, ymax)`` [m].
-        most_cells : int
-            Largest number of cells.
-
-        Returns
-        -------
-        Overview
-            At least one cell; beyond the raster nothing is known.
+        `bounds`: ``(xmin, ymin, xmax, ymax)`` [m].
         """
         t, (n_rows, n_columns) = self.transform, self.shape
         west, east = (min(max((x - t.c) / t.a, 0.0), n_columns) for x in (bounds[0], bounds[2]))

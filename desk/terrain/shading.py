@@ -29,20 +29,9 @@ _LEAST_OVERLAP = 0.6
 class TerrainStyle:
     """Colours of elevations and strength of the hillshade, chosen for the ground that is looked at.
 
-    Parameters
-    ----------
-    low_m, high_m : float
-        Heights at both ends of the colours [m].
-    exaggeration : float
-        Factor of the slopes under the hillshade.
+    `low_m`, `high_m`: heights at both ends of the colours [m]. `exaggeration`: factor of the slopes under the
+    hillshade.
 
-    Raises
-    ------
-    ConfigError
-        Heights in the wrong order, or a factor that is not from 1 to 10.
-
-    Examples
-    --------
     >>> TerrainStyle.parsed("700,900,2.5")
     TerrainStyle(low_m=700.0, high_m=900.0, exaggeration=2.5)
     """
@@ -58,23 +47,7 @@ class TerrainStyle:
 
     @classmethod
     def parsed(cls, text: str) -> Self:
-        """Read what `text` writes.
-
-        Parameters
-        ----------
-        text : str
-            Two heights and a factor, separated by commas.
-
-        Returns
-        -------
-        TerrainStyle
-            The style.
-
-        Raises
-        ------
-        ConfigError
-            Something else.
-        """
+        """Read what `text` writes."""
         try:
             low, high, factor = (float(part) for part in text.split(","))
         except ValueError as error:
@@ -85,17 +58,7 @@ class TerrainStyle:
     def of(cls, pyramid: ElevationPyramid, bounds: Bounds) -> Self:
         """Stretch the colours over the heights within bounds.
 
-        Parameters
-        ----------
-        pyramid : ElevationPyramid
-            The terrain.
-        bounds : tuple of float
-            ``(xmin, ymin, xmax, ymax)`` [m].
-
-        Returns
-        -------
-        TerrainStyle
-            With round numbers.
+        `bounds`: ``(xmin, ymin, xmax, ymax)`` [m].
         """
         part = pyramid.over(bounds, _OVERVIEW_CELLS)
         known = part.heights[np.isfinite(part.heights)]
@@ -111,18 +74,7 @@ class TerrainStyle:
         return f"{self.low_m:.10g},{self.high_m:.10g},{self.exaggeration:g}"
 
     def still_fits(self, other: "TerrainStyle") -> bool:
-        """Return whether tiles of this style can stay where another one would be chosen.
-
-        Parameters
-        ----------
-        other : TerrainStyle
-            The one that fits best.
-
-        Returns
-        -------
-        bool
-            The heights are nearly the same, and the factor too.
-        """
+        """Return whether tiles of this style can stay where another one would be chosen."""
         span = self.high_m - self.low_m
         overlap = min(self.high_m, other.high_m) - max(self.low_m, other.low_m)
         is_alike = overlap > _LEAST_OVERLAP * max(span, other.high_m - other.low_m)
@@ -131,17 +83,8 @@ class TerrainStyle:
     def relief(self, heights: FloatArray, cell_m: float) -> Pixels:
         """Return tints under a hillshade.
 
-        Parameters
-        ----------
-        heights : (H + 2, W + 2) ndarray
-            With one more cell to each side [m].
-        cell_m : float
-            Width of a cell [m].
-
-        Returns
-        -------
-        (H, W, 4) ndarray of uint8
-            Transparent where no height is known.
+        `heights` (H + 2, W + 2): with one more cell to each side [m]. `cell_m`: width of a cell [m]. Returns
+        (H, W, 4): transparent where no height is known.
         """
         inner = heights[1:-1, 1:-1]
         known = np.isfinite(inner)
@@ -154,15 +97,7 @@ class TerrainStyle:
     def slope(self, heights: FloatArray, cell_m: float) -> Pixels:
         """Return the colours of the steepest slope, up to `LARGEST_SLOPE_DEG`.
 
-        Parameters
-        ----------
-        heights, cell_m
-            As for `relief`.
-
-        Returns
-        -------
-        (H, W, 4) ndarray of uint8
-            Transparent where the slope is not known.
+        Returns (H, W, 4): transparent where the slope is not known.
         """
         slope_deg = np.degrees(np.arctan(np.hypot(*_gradient(heights, cell_m))))
         known = np.isfinite(heights[1:-1, 1:-1])

@@ -20,10 +20,7 @@ _MOST_TILES = 512
 class TerrainTiles:
     """Tiles of a terrain; zoom 0 shows all of it in one tile, each further zoom has cells of half the width.
 
-    Parameters
-    ----------
-    pyramid : ElevationPyramid
-        The terrain.
+    `pyramid`: the terrain.
     """
 
     def __init__(self, pyramid: ElevationPyramid) -> None:
@@ -34,10 +31,7 @@ class TerrainTiles:
     def grid(self) -> dict[str, Any]:
         """Return the tile grid as the map library takes it.
 
-        Returns
-        -------
-        dict
-            Extent [m], size of tiles, and the width of a cell at each zoom [m].
+        Returns: extent [m], size of tiles, and the width of a cell at each zoom [m].
         """
         resolutions = [self.pyramid.step_m * 2**k for k in range(self.pyramid.coarsest, -1, -1)]
         return {"extent": self.pyramid.bounds, "tile_cells": TILE_CELLS, "resolutions_m": resolutions}
@@ -47,19 +41,7 @@ class TerrainTiles:
     ) -> bytes | None:
         """Return a tile.
 
-        Parameters
-        ----------
-        layer : {"relief", "slope"}
-            What is drawn.
-        zoom, column, row : int
-            Counted from the north-western corner.
-        style : TerrainStyle, optional
-            Of the relief; that of the terrain as one by default.
-
-        Returns
-        -------
-        bytes or None
-            PNG; None where the terrain has no such tile.
+        Returns: PNG; None where the terrain has no such tile.
         """
         level = self.pyramid.coarsest - zoom
         height, width = self.pyramid.shape
@@ -78,15 +60,7 @@ class TerrainTiles:
 def png_bytes(pixels: npt.NDArray[np.uint8]) -> bytes:
     """Return an image as PNG.
 
-    Parameters
-    ----------
-    pixels : (H, W, 4) ndarray of uint8
-        Red, green, blue, opacity.
-
-    Returns
-    -------
-    bytes
-        The file.
+    `pixels` (H, W, 4): red, green, blue, opacity.
     """
     buffer = io.BytesIO()
     Image.fromarray(pixels, "RGBA").save(buffer, "PNG", compress_level=1)

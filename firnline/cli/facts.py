@@ -34,20 +34,6 @@ _UNIT = re.compile(r"_(m2|m|s|deg|per_cent)(?=(_\d+)?$)")
 def fact_line(name: str, value: object) -> str:
     """Return one fact: its name, padded to the width of the column, and its value.
 
-    Parameters
-    ----------
-    name : str
-        In words.
-    value : object
-        A text with the unit, or anything that is written as one.
-
-    Returns
-    -------
-    str
-        Without a line feed.
-
-    Examples
-    --------
     >>> fact_line("length", "4.09 km")
     '  length             4.09 km'
     """
@@ -57,18 +43,6 @@ def fact_line(name: str, value: object) -> str:
 def figure_lines(figures: Mapping[str, Any]) -> list[str]:
     r"""Return figures with machine names, such as ``rmse_m``, as facts with units.
 
-    Parameters
-    ----------
-    figures : mapping of str to number or str
-        Units end the names: ``_m``, ``_m2``, ``_s``, ``_deg``, ``_per_cent``, ``_per_s``.
-
-    Returns
-    -------
-    list of str
-        One line each, in their order.
-
-    Examples
-    --------
     >>> print("\n".join(figure_lines({"rmse_m": 0.04661, "length_m": 4093.2, "time_s": 4140.0, "n": 36})))
       RMSE               0.047 m
       length             4.09 km
@@ -79,20 +53,7 @@ def figure_lines(figures: Mapping[str, Any]) -> list[str]:
 
 
 def end_dry_run(writes: Iterable[Path], facts: Mapping[str, object] | None = None) -> NoReturn:
-    """Print what a command would do with the input that it has checked, and end it.
-
-    Parameters
-    ----------
-    writes : iterable of pathlib.Path
-        Files and folders that it would write.
-    facts : mapping of str to object, optional
-        What was read, by name.
-
-    Raises
-    ------
-    typer.Exit
-        With exit code 0.
-    """
+    """Print what a command would do with the input that it has checked, and end it."""
     for name, value in (facts or {}).items():
         typer.echo(fact_line(name, value))
     files = ", ".join(str(path) for path in writes)

@@ -31,16 +31,8 @@ _INTERRUPTED_SENTENCE = (
 def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     """Turn exceptions of a command into one sentence on stderr and an exit code.
 
-    Parameters
-    ----------
-    command : callable
-        A command of the command line.
-
-    Returns
-    -------
-    callable
-        The same command; with ``-vv``, or with FIRNLINE_TRACEBACK=1 in the environment, an internal fault also prints
-        its traceback.
+    Returns: the same command; with ``-vv``, or with FIRNLINE_TRACEBACK=1 in the environment, an internal
+    fault also prints its traceback.
     """
 
     @functools.wraps(command)
@@ -58,18 +50,7 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
 
 
 def run_guarded(run: Callable[[], None]) -> None:
-    """Run the command line with exit codes also for what happens outside a command: parsing, ``--help``.
-
-    Parameters
-    ----------
-    run : callable
-        The command line; it may end by `SystemExit`.
-
-    Raises
-    ------
-    SystemExit
-        With the exit code.
-    """
+    """Run the command line with exit codes also for what happens outside a command: parsing, ``--help``."""
     for output in (sys.stdout, sys.stderr):
         # A name that is no UTF-8 is printed with escapes.
         if isinstance(output, io.TextIOWrapper):

@@ -12,26 +12,7 @@ def refuse_existing(
     inputs: Iterable[Path | None] = (),
     own: Collection[str] = (),
 ) -> None:
-    """Refuse outputs that exist, that are inputs, or that cannot be written.
-
-    Parameters
-    ----------
-    outputs : iterable of pathlib.Path
-        Every file or folder that the command will write, companions included (``route.png``).
-        An empty folder counts as missing.
-    force : bool
-        Whether an output that exists may be replaced. An input is never replaced.
-    inputs : iterable of pathlib.Path or None
-        Every file or folder that the command reads; None stands for an option that was not given.
-    own : collection of str
-        For output folders: patterns of the files that the command writes there, as for
-        `survey.core.replacement.replacing_folder`. Without them all outputs are files.
-
-    Raises
-    ------
-    InputError
-        One sentence that names the output and what to do.
-    """
+    """Refuse outputs that exist, that are inputs, or that cannot be written."""
     from survey.core.replacement import refuse_unwritable, resolved
 
     given = [resolved(path) for path in inputs if path is not None]
@@ -42,18 +23,7 @@ def refuse_existing(
 
 
 def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
-    """Return input files with the files beside them that are read too (``.prj``, ``.dbf`` …).
-
-    Parameters
-    ----------
-    inputs : iterable of pathlib.Path or None
-        Files or folders that a command reads; None stands for an option that was not given.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Inputs that exist, each followed by its companions.
-    """
+    """Return input files with the files beside them that are read too (``.prj``, ``.dbf`` …)."""
     from survey.io.dataset_files import companion_files
 
     found: list[Path] = []
@@ -69,15 +39,7 @@ def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
 def companions_of_output(output: Path) -> list[Path]:
     """Return the files that a format of several files has beside its main file.
 
-    Parameters
-    ----------
-    output : pathlib.Path
-        The main file.
-
-    Returns
-    -------
-    list of pathlib.Path
-        For ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS; none for other formats.
+    Returns: for ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS; none for other formats.
     """
     suffixes = {".asc": (".prj",), ".shp": (".shx", ".dbf", ".prj", ".cpg")}.get(output.suffix.lower(), ())
     return [output.with_suffix(suffix) for suffix in suffixes]

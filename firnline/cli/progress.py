@@ -52,12 +52,7 @@ class TimeLeftColumn(ProgressColumn):
 class StageProgress:
     """Progress of the stages of a mission, for the `watch` of `run_mission`.
 
-    Parameters
-    ----------
-    quiet : bool
-        Print nothing.
-    expected_s : mapping of str to float
-        Time that each stage took in an earlier run of the mission [s].
+    `quiet`: print nothing. `expected_s`: time that each stage took in an earlier run of the mission [s].
     """
 
     def __init__(

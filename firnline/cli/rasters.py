@@ -24,15 +24,7 @@ def own_crs(path: Path) -> "CRS | None":
 
 
 def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False) -> "survey.Dem":
-    """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach.
-
-    Raises
-    ------
-    InputError
-        The raster is in another projected CRS, or lies elsewhere.
-    CapacityError
-        More cells on the bounds than planning accepts.
-    """
+    """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach."""
     import survey
     from planners.capacity import require_cells
     from survey.core.crs import same_crs

@@ -12,19 +12,6 @@ Request = TypeVar("Request")
 def with_options_of(request: type[Request]) -> Callable[[Callable[[Request], None]], Callable[..., None]]:
     """Give a command the options that a dataclass declares, and call it with one instance.
 
-    Parameters
-    ----------
-    request : type
-        A dataclass whose fields are annotated as typer's options and arguments. Its own fields come first in
-        ``--help``, then those of its bases.
-
-    Returns
-    -------
-    callable
-        Decorator for a function of one argument.
-
-    Examples
-    --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Greeting:

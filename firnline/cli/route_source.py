@@ -48,13 +48,7 @@ class RouteOptions:
     ] = None
 
     def refuse_stated(self, reason: str) -> None:
-        """Refuse options that only routes have.
-
-        Parameters
-        ----------
-        reason : str
-            Why they do not apply.
-        """
+        """Refuse options that only routes have."""
         from survey.core.errors import ConfigError
 
         given = {
@@ -70,20 +64,7 @@ class RouteOptions:
 
 
 def route_with_surroundings(source: Path, options: RouteOptions) -> "tuple[survey.Route, Surroundings]":
-    """Read a route; that of a run comes with the area and the terrain of the run.
-
-    Parameters
-    ----------
-    source : pathlib.Path
-        File of a route, or a run folder.
-    options : RouteOptions
-        What the user named.
-
-    Returns
-    -------
-    tuple of Route and Surroundings
-        In the CRS of the route.
-    """
+    """Read a route; that of a run comes with the area and the terrain of the run."""
     import survey
     from survey.core.run_folder import RunFolder
 
@@ -100,20 +81,7 @@ def route_with_surroundings(source: Path, options: RouteOptions) -> "tuple[surve
 
 
 def read_route(source: Path, crs: str | None) -> "survey.Route":
-    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format.
-
-    Parameters
-    ----------
-    source : pathlib.Path
-        Any format of routes.
-    crs : str or None
-        Projected CRS of the route.
-
-    Returns
-    -------
-    Route
-        Of one or several rovers.
-    """
+    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format."""
     import survey
     from survey.interchange.route_formats import read_plan
     from survey.io.vector import read_features

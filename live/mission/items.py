@@ -34,16 +34,9 @@ _HEIGHT_STEP_M = 0.01
 class LinkItem(NamedTuple):
     """One item on the link.
 
-    Parameters
-    ----------
-    command, frame : int
-        MAV_CMD and MAV_FRAME.
-    params : tuple of float
-        Parameters 1 to 4 in single precision; NaN leaves a value to the vehicle.
-    x, y : int
-        Latitude and longitude [1e-7 deg] in global frames, else parameters 5 and 6.
-    z : float
-        Height in the frame [m], in single precision.
+    `command`, `frame`: MAV_CMD and MAV_FRAME. `params`: parameters 1 to 4 in single precision; NaN leaves a
+    value to the vehicle. `x`, `y`: latitude and longitude [1e-7 deg] in global frames, else parameters 5 and
+    6. `z`: height in the frame [m], in single precision.
     """
 
     command: int
@@ -57,18 +50,6 @@ class LinkItem(NamedTuple):
     def of(cls, item: MissionItem) -> "LinkItem":
         """Round an item of a mission to what the link carries.
 
-        Parameters
-        ----------
-        item : MissionItem
-            With degrees.
-
-        Returns
-        -------
-        LinkItem
-            With integers and single precision.
-
-        Examples
-        --------
         >>> LinkItem.of(MissionItem(16, 3, (0, 0, 0, None, 60.12345678, -139.5, 2.5)))[3:]
         (601234568, -1395000000, 2.5)
         """
@@ -87,18 +68,7 @@ class LinkItem(NamedTuple):
 
     @classmethod
     def received(cls, message: Any) -> "LinkItem":
-        """Read an item from a message MISSION_ITEM_INT.
-
-        Parameters
-        ----------
-        message : object
-            Of pymavlink.
-
-        Returns
-        -------
-        LinkItem
-            With what it states.
-        """
+        """Read an item from a message MISSION_ITEM_INT."""
         params = (message.param1, message.param2, message.param3, message.param4)
         return cls(message.command, message.frame, params, message.x, message.y, message.z)
 
@@ -118,18 +88,6 @@ class LinkItem(NamedTuple):
         Commands, frames and places have to be equal, heights to the centimetre. A parameter that is left to the
         vehicle may come back as 0.
 
-        Parameters
-        ----------
-        other : LinkItem
-            As read back.
-
-        Returns
-        -------
-        bool
-            Whether they agree.
-
-        Examples
-        --------
         >>> item = LinkItem(16, 3, (0.0, 0.0, 0.0, float("nan")), 1, 2, 0.5)
         >>> item.agrees_with(item._replace(params=(0.0, 0.0, 0.0, 0.0))), item.agrees_with(item._replace(x=3))
         (True, False)
@@ -146,18 +104,7 @@ class LinkItem(NamedTuple):
 
 
 def first_difference(sent: Sequence[LinkItem], read: Sequence[LinkItem]) -> int | None:
-    """Return the index of the first item that differs, or None.
-
-    Parameters
-    ----------
-    sent, read : sequence of LinkItem
-        What was uploaded, and what the vehicle reports.
-
-    Returns
-    -------
-    int or None
-        The length of the shorter one where only the lengths differ.
-    """
+    """Return the index of the first item that differs, or None."""
     for index, (one, other) in enumerate(zip(sent, read, strict=False)):
         if not one.agrees_with(other):
             return index
@@ -189,8 +136,6 @@ _LIMITS = {ARDUPILOT: Limits(724, 70), PX4: Limits(2000, 64)}
 def limits_of(autopilot: int) -> Limits:
     """Return the limits of an autopilot by its value of MAV_AUTOPILOT; those of the protocol where it is not known.
 
-    Examples
-    --------
     >>> limits_of(12).items
     2000
     """
@@ -200,8 +145,6 @@ def limits_of(autopilot: int) -> Limits:
 def n_home_items(autopilot: int) -> int:
     """Return how many items of a mission are the vehicle's home, which it replaces by its own: 1 of ArduPilot.
 
-    Examples
-    --------
     >>> n_home_items(3), n_home_items(12)
     (1, 0)
     """
@@ -209,25 +152,7 @@ def n_home_items(autopilot: int) -> int:
 
 
 def require_storable(items: Sequence[LinkItem], kind: int, most: int, n_home: int = 0) -> None:
-    """Refuse items that an autopilot cannot hold.
-
-    Parameters
-    ----------
-    items : sequence of LinkItem
-        Of a mission or a fence.
-    kind : int
-        `MISSION` or `FENCE`.
-    most : int
-        Largest number of items.
-    n_home : int
-        How many of the first items are the home position, which may be the first waypoint.
-
-    Raises
-    ------
-    InputError
-        Too many items, a frame that rovers do not know, a latitude or longitude out of range, or neighbouring
-        waypoints that are one place on the link.
-    """
+    """Refuse items that an autopilot cannot hold."""
     name = KIND_NAMES[kind]
     if len(items) > most:
         raise InputError(
@@ -272,12 +197,8 @@ _COLUMNS_OF_WPL = 12
 class AutopilotMission:
     """Items of a mission and of a fence, in degrees.
 
-    Parameters
-    ----------
-    items : tuple of MissionItem
-        Without the home position.
-    fence : tuple of MissionItem
-        Corners of polygons and circles; empty where no area is known.
+    `items`: without the home position. `fence`: corners of polygons and circles; empty where no area is
+    known.
     """
 
     items: tuple[MissionItem, ...]
@@ -285,48 +206,14 @@ class AutopilotMission:
 
     @classmethod
     def of_route(cls, route: Route, around: Surroundings) -> "AutopilotMission":
-        """Return the mission that ``firnline export ROUTE mission.plan`` writes.
-
-        Parameters
-        ----------
-        route : Route
-            Of one rover.
-        around : Surroundings
-            Area, terrain, speed and return.
-
-        Returns
-        -------
-        AutopilotMission
-            With heights relative to the start.
-
-        Raises
-        ------
-        InputError
-            Several rovers, or surroundings that do not belong to the route.
-        """
+        """Return the mission that ``firnline export ROUTE mission.plan`` writes."""
         around.check(route)
         polygons = [_polygon(fence["polygon"], fence["inclusion"]) for fence in fence_polygons(route, around)]
         return cls(tuple(mission_items(route, around)), tuple(item for fence in polygons for item in fence))
 
     @classmethod
     def read(cls, path: Path) -> "AutopilotMission":
-        """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is.
-
-        Parameters
-        ----------
-        path : pathlib.Path
-            Ends in ``.plan`` or ``.waypoints``.
-
-        Returns
-        -------
-        AutopilotMission
-            With every command of the file.
-
-        Raises
-        ------
-        InputError
-            A file that is missing or damaged.
-        """
+        """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is."""
         reader = _read_wpl if path.suffix.lower() == ".waypoints" else _read_qgc_plan
         try:
             mission = reader(path.read_text(encoding="utf-8"))
@@ -341,18 +228,7 @@ class AutopilotMission:
         return mission
 
     def link_items(self, autopilot: int) -> list[LinkItem]:
-        """Return the items for a vehicle; those of ArduPilot begin with the home position, which is no waypoint.
-
-        Parameters
-        ----------
-        autopilot : int
-            MAV_AUTOPILOT of its heartbeat.
-
-        Returns
-        -------
-        list of LinkItem
-            To be sent in this order.
-        """
+        """Return the items for a vehicle; those of ArduPilot begin with the home position, which is no waypoint."""
         items = [LinkItem.of(item) for item in self.items]
         first = next((item for item in items if item.is_waypoint), None)
         if autopilot != ARDUPILOT or first is None:

@@ -47,26 +47,7 @@ class TransferBrokenError(LinkLostError):
 def send_items(
     vehicle: Vehicle, items: Sequence[LinkItem], kind: int, progress: Progress | None = None
 ) -> None:
-    """Send items to a vehicle until it acknowledges them, or is silent after the last one.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        That takes them.
-    items : sequence of LinkItem
-        A mission or a fence; an empty one clears what the vehicle holds.
-    kind : int
-        `MISSION` or `FENCE`.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
-
-    Raises
-    ------
-    InputError
-        The vehicle refuses an item, or has no space.
-    LinkLostError
-        The vehicle was silent, or gave the transfer up.
-    """
+    """Send items to a vehicle until it acknowledges them, or is silent after the last one."""
     if items:
         _Sending(vehicle, items, kind, progress).run()
     else:
@@ -163,27 +144,7 @@ class _Sending:
 
 
 def fetch_items(vehicle: Vehicle, kind: int, progress: Progress | None = None) -> list[LinkItem]:
-    """Read the items that a vehicle holds.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        That holds them.
-    kind : int
-        `MISSION` or `FENCE`.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
-
-    Returns
-    -------
-    list of LinkItem
-        In their order.
-
-    Raises
-    ------
-    LinkLostError
-        The vehicle was silent, or too many packets were lost.
-    """
+    """Read the items that a vehicle holds."""
     reading = _Reading(vehicle, kind, progress)
     for _ in range(_MOST_PASSES):
         n_items = reading.count()
@@ -319,20 +280,7 @@ _COMMAND_RESEND_S = 1.0
 
 
 def start_mission(vehicle: Vehicle) -> None:
-    """Arm a vehicle and start its mission: it drives off.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        That holds a mission.
-
-    Raises
-    ------
-    InputError
-        The vehicle refuses to be armed or to start.
-    LinkLostError
-        The vehicle is silent.
-    """
+    """Arm a vehicle and start its mission: it drives off."""
     _command(vehicle, _ARM, 1.0, "be armed")
     _command(vehicle, _START, 0.0, "start its mission")
 

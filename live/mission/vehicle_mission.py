@@ -35,14 +35,9 @@ MOST_UPLOAD_S = 600.0
 class UploadReport(NamedTuple):
     """What a vehicle holds after an upload, read back and equal to what was sent.
 
-    Parameters
-    ----------
-    vehicle : str
-        Autopilot and system id.
-    items, fence_corners : int
-        Numbers of items; 0 corners where the fence was left as it was.
-    transfers : int
-        How often items were sent: 1 for each of mission and fence, more after losses.
+    `vehicle`: autopilot and system id. `items`, `fence_corners`: numbers of items; 0 corners where the fence
+    was left as it was. `transfers`: how often items were sent: 1 for each of mission and fence, more after
+    losses.
     """
 
     vehicle: str

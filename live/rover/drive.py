@@ -21,18 +21,9 @@ _STEP_M = 0.5
 class RoverSettings:
     """What the simulated rover is like.
 
-    Parameters
-    ----------
-    speed_m_s : float
-        Speed along the path.
-    range_m : float
-        Distance that one charge of the battery lasts [m].
-    sigma_horizontal_m, sigma_vertical_m : float
-        Standard deviation of a fix east and north, and up [m].
-    correlation_time_s : float
-        Time constant of the fixes' Gauss-Markov errors [s].
-    seed : int
-        Of the drawn errors.
+    `speed_m_s`: speed along the path. `range_m`: distance that one charge of the battery lasts [m].
+    `sigma_horizontal_m`, `sigma_vertical_m`: standard deviation of a fix east and north, and up [m].
+    `correlation_time_s`: time constant of the fixes' Gauss-Markov errors [s]. `seed`: of the drawn errors.
     """
 
     speed_m_s: float = 1.0
@@ -46,26 +37,10 @@ class RoverSettings:
 class RoverReport(NamedTuple):
     """State that telemetry reports.
 
-    Parameters
-    ----------
-    time_s : float
-        Since the start [s].
-    xy : (2,) ndarray
-        Real place in `WaypointDrive.crs` [m].
-    lonlat : (2,) ndarray
-        Measured place [deg].
-    height_m : float
-        Measured height [m].
-    heading_deg : float
-        Clockwise from north.
-    speed_m_s : float
-        Over ground; 0 at rest.
-    battery : float
-        Share of the charge that is left.
-    waypoint : int
-        Waypoints that were reached.
-    is_held : bool
-        Whether it stopped at the fence.
+    `time_s`: since the start [s]. `xy` (2,): real place in `WaypointDrive.crs` [m]. `lonlat` (2,): measured
+    place [deg]. `height_m`: measured height [m]. `heading_deg`: clockwise from north. `speed_m_s`: over
+    ground; 0 at rest. `battery`: share of the charge that is left. `waypoint`: waypoints that were reached.
+    `is_held`: whether it stopped at the fence.
     """
 
     time_s: float
@@ -83,14 +58,7 @@ class RoverReport(NamedTuple):
 class WaypointDrive:
     """Motion of the rover in a projected CRS.
 
-    Parameters
-    ----------
-    settings : RoverSettings
-        Speed, battery, errors.
-    crs : CRS
-        In metres.
-    terrain : Dem, optional
-        Heights; 0 without it.
+    `settings`: speed, battery, errors. `crs`: in metres. `terrain`: heights; 0 without it.
     """
 
     settings: RoverSettings

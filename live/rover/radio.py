@@ -12,21 +12,8 @@ _LARGEST = 65_535
 class Radio:
     """Datagrams to and from the ground station that was heard last.
 
-    Parameters
-    ----------
-    host : str
-        Address to listen at.
-    port : int
-        UDP port; 0 for a free one.
-    loss : float
-        Share of packets that are lost, in either direction.
-    seed : int
-        Of the losses.
-
-    Raises
-    ------
-    InputError
-        A port that is in use.
+    `host`: address to listen at. `port`: UDP port; 0 for a free one. `loss`: share of packets that are lost,
+    in either direction. `seed`: of the losses.
     """
 
     def __init__(self, host: str, port: int, loss: float = 0.0, seed: int = 0) -> None:
@@ -51,15 +38,7 @@ class Radio:
     def receive(self, timeout_s: float) -> bytes | None:
         """Return the next datagram that arrives, or None after a time.
 
-        Parameters
-        ----------
-        timeout_s : float
-            How long to wait [s].
-
-        Returns
-        -------
-        bytes or None
-            A datagram; None also for one that was lost.
+        `timeout_s`: how long to wait [s]. Returns: a datagram; None also for one that was lost.
         """
         self._socket.settimeout(timeout_s)
         try:
@@ -69,13 +48,7 @@ class Radio:
         return None if self._up.random() < self._loss else data
 
     def send(self, data: bytes) -> None:
-        """Send a datagram to the ground station, unless it is lost or nobody was heard yet.
-
-        Parameters
-        ----------
-        data : bytes
-            One or more MAVLink packets.
-        """
+        """Send a datagram to the ground station, unless it is lost or nobody was heard yet."""
         if self._peer is None or self._down.random() < self._loss:
             return
         with suppress(OSError):

@@ -50,12 +50,7 @@ class Received(NamedTuple):
 class RoverServers:
     """Servers of MAVSDK whose packets go through a radio.
 
-    Parameters
-    ----------
-    radio : Radio
-        Where packets come from and go to.
-    settings : RoverSettings
-        Their values are parameters of the rover.
+    `radio`: where packets come from and go to. `settings`: their values are parameters of the rover.
     """
 
     def __init__(self, radio: Radio, settings: RoverSettings) -> None:
@@ -153,21 +148,7 @@ def serve_rover(
     hasten: float = 1.0,
     until: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Serve a simulated rover until it is ended.
-
-    Parameters
-    ----------
-    radio : Radio
-        Link to the ground station.
-    settings : RoverSettings
-        Speed, battery, errors of fixes.
-    terrain : Dem, optional
-        Heights that the rover measures.
-    hasten : float
-        How many seconds it drives in a second.
-    until : callable
-        Ends the rover when it returns True.
-    """
+    """Serve a simulated rover until it is ended."""
     servers = RoverServers(radio, settings)
     rover = _Rover(settings, terrain)
     last, every_s = monotonic(), max(_TELEMETRY_S / max(hasten, 1.0), _LEAST_TELEMETRY_S)

@@ -50,24 +50,10 @@ class LocalNodes(NamedTuple):
 def local_nodes(xy: FloatArray, omega: FloatArray, strengths: FloatArray, tolerance_m: float) -> LocalNodes:
     """Return nodes from which the heights of points follow within a tolerance; the points themselves if no more are needed.
 
-    Parameters
-    ----------
-    xy : (P, 2) ndarray
-        Points [m].
-    omega : (K, 2) ndarray
-        Angular frequencies of the surface's waves [rad/m].
-    strengths : (K,) ndarray
-        Standard deviations of the waves [m].
-    tolerance_m : float
-        Largest standard deviation of the error of interpolation along either axis [m].
+    `xy` (P, 2): points [m]. `omega` (K, 2): angular frequencies of the surface's waves [rad/m]. `strengths`
+    (K,): standard deviations of the waves [m]. `tolerance_m`: largest standard deviation of the error of
+    interpolation along either axis [m].
 
-    Returns
-    -------
-    LocalNodes
-        On the points' principal axes.
-
-    Examples
-    --------
     >>> xy = np.random.default_rng(1).uniform(0.0, 40.0, (500, 2))
     >>> omega = np.array([[0.02, 0.01], [-0.01, 0.03]])
     >>> nodes = local_nodes(xy, omega, np.array([1.0, 1.0]), 1e-3)
@@ -117,18 +103,10 @@ KEYFRAMES = 24
 class PathSegments(NamedTuple):
     """Unknowns and points in the order of segments.
 
-    Parameters
-    ----------
-    interior : (S - R,) ndarray of int
-        Unknowns that only one segment touches, segment after segment.
-    bounds : (n + 1,) ndarray of int
-        Where each segment begins in `interior`.
-    knots : (R,) ndarray of int
-        All other unknowns: poses between segments, and what the points of several segments share.
-    points : (N,) ndarray of int
-        Points, segment after segment.
-    point_bounds : (n + 1,) ndarray of int
-        Where each segment begins in `points`.
+    `interior` (S - R,) int: unknowns that only one segment touches, segment after segment. `bounds` (n + 1,)
+    int: where each segment begins in `interior`. `knots` (R,) int: all other unknowns: poses between
+    segments, and what the points of several segments share. `points` (N,) int: points, segment after segment.
+    `point_bounds` (n + 1,) int: where each segment begins in `points`.
     """
 
     interior: IntArray
@@ -141,24 +119,9 @@ class PathSegments(NamedTuple):
 def path_segments(path: PathError, keyframe: FloatArray, rows: Any, n_common: int = 0) -> PathSegments:
     """Divide a path between knots, so that no segment touches the inside of another.
 
-    Parameters
-    ----------
-    path : PathError
-        Its information may link keyframes that are far apart; both ends of such a link become knots.
-    keyframe : (N,) ndarray
-        Places of the points among the keyframes.
-    rows : (N, S) scipy.sparse array
-        Derivatives of the points by all shared unknowns, those of the path first.
-    n_common : int
-        How many unknowns after those of the path are left for the end in any case.
+    `keyframe` (N,): places of the points among the keyframes. `rows` (N, S): derivatives of the points by all
+    shared unknowns, those of the path first.
 
-    Returns
-    -------
-    PathSegments
-        Every unknown and every point once.
-
-    Examples
-    --------
     >>> path = PathError(np.arange(60.0), sparse.identity(360, format="csr"))
     >>> keyframe = np.array([3.0, 30.5])
     >>> found = path_segments(path, keyframe, path.rows(keyframe, np.ones((2, 6))))
@@ -338,28 +301,7 @@ def segment_map(
 ) -> tuple[FloatArray, FloatArray]:
     """Return height and standard deviation (H, W) [m] on a grid, as one solve of the joint estimate gives them.
 
-    Parameters
-    ----------
-    system : JointSystem
-        Equations of the points, without a satellite's cells.
-    path : PathError
-        Errors of the path that the points were seen from.
-    points : SurfacePoints
-        That name their keyframes.
-    grid : Grid
-        Nodes of the map.
-    nugget_m : float
-        Standard deviation of relief too fine to be mapped [m].
-
-    Returns
-    -------
-    tuple of ndarray
-        Equal to those of `TerrainPosterior.fields` but for the error of interpolation within segments.
-
-    Raises
-    ------
-    InputError
-        Points that name no keyframe, or standard deviations too small to be solved with.
+    `nugget_m`: standard deviation of relief too fine to be mapped [m].
     """
     assert points.keyframe is not None
     elimination = SegmentElimination.of(system, path, points.keyframe)
@@ -380,16 +322,8 @@ _LEAST_SHARED_M = 1e-3
 class LiveMap:
     """Map from a covariance of the terrain that stays as it is between updates.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Covariance of the terrain, as last fitted.
-    nugget_m : float
-        Standard deviation of relief too fine to be mapped [m].
-    grid : Grid
-        Nodes of the map.
-    memory_mb : float
-        Memory of the covariance [MB].
+    `kernel`: covariance of the terrain, as last fitted. `nugget_m`: standard deviation of relief too fine to
+    be mapped [m]. `grid`: nodes of the map. `memory_mb`: memory of the covariance [MB].
     """
 
     kernel: Kernel
@@ -398,20 +332,7 @@ class LiveMap:
     memory_mb: float = MEMORY_MB
 
     def of_landmarks(self, points: SurfacePoints, path: PathError) -> tuple[FloatArray, FloatArray]:
-        """Return height and standard deviation (H, W) [m] from landmarks and the error of their path.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            That name their keyframes.
-        path : PathError
-            Posterior of the path so far.
-
-        Returns
-        -------
-        tuple of ndarray
-            On the nodes of the grid, relief finer than the map included.
-        """
+        """Return height and standard deviation (H, W) [m] from landmarks and the error of their path."""
         terrain = self._terrain(path, JointConfig())
         start = terrain.from_points(points, self.grid.bounds)
         found, memory_mb = start.candidates[0], self.memory_mb
@@ -423,19 +344,8 @@ class LiveMap:
     ) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m] from samples that share one error of height.
 
-        Parameters
-        ----------
-        xyz : (N, 3) ndarray
-            Easting, northing, height [m].
-        sigma_m : (N,) ndarray
-            Standard deviation of each height [m].
-        shared_m : float
-            Standard deviation of the error that all heights share [m].
-
-        Returns
-        -------
-        tuple of ndarray
-            On the nodes of the grid.
+        `xyz` (N, 3): easting, northing, height [m]. `sigma_m` (N,): standard deviation of each height [m].
+        `shared_m`: standard deviation of the error that all heights share [m].
         """
         own = np.zeros((len(xyz), 3, 3))
         own[:, 2, 2] = sigma_m**2

@@ -26,8 +26,6 @@ VERSION = 1
 def line_of(entry: dict[str, Any]) -> str:
     r"""Return an entry as a line of the log.
 
-    Examples
-    --------
     >>> line_of({"in": "silence", "time_s": 31.5})
     '{"in":"silence","time_s":31.5}\n'
     """
@@ -35,18 +33,7 @@ def line_of(entry: dict[str, Any]) -> str:
 
 
 def heading_of(watch: SurveyWatch) -> dict[str, Any]:
-    """Return the first line of a log: everything that a replay needs.
-
-    Parameters
-    ----------
-    watch : SurveyWatch
-        Before the first sample.
-
-    Returns
-    -------
-    dict
-        Of numbers and texts.
-    """
+    """Return the first line of a log: everything that a replay needs."""
     return {
         "firnline_watch": VERSION,
         "crs": watch.area.crs.to_wkt(),
@@ -60,18 +47,7 @@ def heading_of(watch: SurveyWatch) -> dict[str, Any]:
 
 
 def watch_of(heading: dict[str, Any]) -> SurveyWatch:
-    """Return the watch that a first line states.
-
-    Parameters
-    ----------
-    heading : dict
-        Of `heading_of`.
-
-    Returns
-    -------
-    SurveyWatch
-        Before the first sample.
-    """
+    """Return the watch that a first line states."""
     zones = tuple(shapely.from_wkt(text) for text in heading["no_go"])
     area = SurveyArea(shapely.from_wkt(heading["area"]), heading["crs"], zones)
     config = AdaptiveConfig(**heading["requirement"])
@@ -89,20 +65,7 @@ def legs_of(entries: list[dict[str, Any]]) -> list[Leg]:
 
 
 def entered(watch: SurveyWatch, entry: dict[str, Any]) -> list[Event]:
-    """Give an input to a watch, and return the events that follow.
-
-    Parameters
-    ----------
-    watch : SurveyWatch
-        Its state changes.
-    entry : dict
-        An input of a log.
-
-    Returns
-    -------
-    list of dict
-        Events.
-    """
+    """Give an input to a watch, and return the events that follow."""
     if entry["in"] == "sample":
         return watch.take(Sample(*entry["sample"]))
     if entry["in"] == "silence":
@@ -112,45 +75,13 @@ def entered(watch: SurveyWatch, entry: dict[str, Any]) -> list[Event]:
 
 
 def replayed(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the entries of a log, those that follow from inputs computed again.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A log; an incomplete last line is left out.
-
-    Yields
-    ------
-    dict
-        Entries, the first line included; written by `line_of` they are the bytes of the log.
-
-    Raises
-    ------
-    InputError
-        A file that is no log.
-    """
+    """Yield the entries of a log, those that follow from inputs computed again."""
     for _, entry in replayed_states(path):
         yield entry
 
 
 def replayed_states(path: Path) -> Iterator[tuple[SurveyWatch, dict[str, Any]]]:
-    """Yield the entries of a log as `replayed` does, each with the state of the survey.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A log; an incomplete last line is left out.
-
-    Yields
-    ------
-    tuple of SurveyWatch and dict
-        The same object each time, as it is after the input that led to the entry.
-
-    Raises
-    ------
-    InputError
-        A file that is no log.
-    """
+    """Yield the entries of a log as `replayed` does, each with the state of the survey."""
     heading, *entries = _lines(path)
     watch = _watch_of_file(path, heading)
     yield watch, heading

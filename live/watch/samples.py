@@ -41,16 +41,9 @@ _AGREEING = 8
 class Sample(NamedTuple):
     """Height of the ground at a place and a time.
 
-    Parameters
-    ----------
-    time_s : float
-        By the clock of the rover or of the file [s].
-    x_m, y_m, z_m : float
-        Easting, northing and height in the CRS of the area [m].
-    sigma_m : float
-        Standard deviation of the height [m].
-    battery : float or None
-        Share of the charge that is left.
+    `time_s`: by the clock of the rover or of the file [s]. `x_m`, `y_m`, `z_m`: easting, northing and height
+    in the CRS of the area [m]. `sigma_m`: standard deviation of the height [m]. `battery`: share of the
+    charge that is left.
     """
 
     time_s: float
@@ -69,13 +62,8 @@ class SampleGate:
     farther from it than a rover drives in the time between. Refused samples that agree with one another are accepted
     after a while, so that one wrong sample never blocks those that follow.
 
-    Parameters
-    ----------
-    bounds : tuple of float
-        West, south, east and north of the ground where a rover may be [m].
+    `bounds`: west, south, east and north of the ground where a rover may be [m].
 
-    Examples
-    --------
     >>> gate = SampleGate((0.0, 0.0, 100.0, 100.0))
     >>> gate.reason(Sample(0.0, 5.0, 5.0, 900.0, 0.05)) is None
     True
@@ -88,18 +76,7 @@ class SampleGate:
     _others: list[Sample] = field(default_factory=list)
 
     def reason(self, sample: Sample) -> str | None:
-        """Return why a sample is refused, or None where it is taken.
-
-        Parameters
-        ----------
-        sample : Sample
-            The next one.
-
-        Returns
-        -------
-        str or None
-            In words.
-        """
+        """Return why a sample is refused, or None where it is taken."""
         wrong = self._malformed(sample)
         if wrong is None and self.last is not None:
             wrong = _contradiction(self.last, sample)
@@ -155,23 +132,7 @@ def file_entries(
 ) -> Iterator[dict[str, Any]]:
     """Yield the inputs of a watch from a file, and those of lines that are added to it.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        Table of points (``.csv``, as ``firnline reconstruct`` reads them; with a column ``time_s`` or one second apart),
-        the log of a receiver (``.nmea``, ``.txt``, ``.log``, ``.ubx``), or the folder of a recording, whose fixes count
-        as the ground below the antenna.
-    crs : CRS
-        Of the samples.
-    follows : bool
-        Whether to wait for more lines, without end.
-    least_sigma_m : float
-        Standard deviation that no sample falls below [m].
-
-    Yields
-    ------
-    dict
-        Samples.
+    `least_sigma_m`: standard deviation that no sample falls below [m].
     """
     n_read, size = 0, -1
     file = _required_table(path) if path.is_dir() else path
@@ -261,17 +222,9 @@ _SILENCE_S = 5.0
 class TelemetryReader:
     """Reader of messages of one vehicle.
 
-    Parameters
-    ----------
-    crs : CRS
-        Of the samples.
-    antenna_m : float
-        Height of the antenna above the ground [m].
-    least_sigma_m : float
-        Standard deviation that no sample falls below [m]; that of receivers which state none.
+    `crs`: of the samples. `antenna_m`: height of the antenna above the ground [m]. `least_sigma_m`: standard
+    deviation that no sample falls below [m]; that of receivers which state none.
 
-    Examples
-    --------
     >>> from types import SimpleNamespace
     >>> reader = TelemetryReader(CRS("EPSG:32632"), antenna_m=1.0)
     >>> fix = SimpleNamespace(fix_type=6, lat=460000000, lon=90000000, alt=501000, h_acc=20, v_acc=30,
@@ -286,18 +239,7 @@ class TelemetryReader:
         self.battery: float | None = None
 
     def sample_of(self, message: Any) -> Sample | None:
-        """Return the sample that a message holds; None for other messages and for fixes of less than three dimensions.
-
-        Parameters
-        ----------
-        message : object
-            Of pymavlink.
-
-        Returns
-        -------
-        Sample or None
-            In the CRS.
-        """
+        """Return the sample that a message holds; None for other messages and for fixes of less than three dimensions."""
         kind = message.get_type()
         if kind in ("SYS_STATUS", "BATTERY_STATUS"):
             if _UNKNOWN_PERCENT < message.battery_remaining <= 100:
@@ -315,20 +257,7 @@ class TelemetryReader:
 
 
 def telemetry_entries(vehicle: Vehicle, reader: TelemetryReader) -> Iterator[dict[str, Any]]:
-    """Yield the inputs of a watch as they arrive, silences included; without end.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        That sends telemetry.
-    reader : TelemetryReader
-        Of its messages.
-
-    Yields
-    ------
-    dict
-        Samples and silences.
-    """
+    """Yield the inputs of a watch as they arrive, silences included; without end."""
     last_s, heard = 0.0, monotonic()
     while True:
         message = vehicle.receive(_TYPES, _SILENCE_S)
@@ -343,20 +272,7 @@ def telemetry_entries(vehicle: Vehicle, reader: TelemetryReader) -> Iterator[dic
 
 
 def buffered_entries(vehicle: Vehicle, reader: TelemetryReader) -> Generator[dict[str, Any], None, None]:
-    """Yield what `telemetry_entries` does, received by a thread, so that nothing is lost while an advice is computed.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        That sends telemetry; its connection stays open until the generator is closed.
-    reader : TelemetryReader
-        Of its messages.
-
-    Yields
-    ------
-    dict
-        Samples and silences.
-    """
+    """Yield what `telemetry_entries` does, received by a thread, so that nothing is lost while an advice is computed."""
     arrived: SimpleQueue[dict[str, Any] | Exception] = SimpleQueue()
     over = Event()
     thread = Thread(target=_receive, args=(vehicle, reader, arrived, over), daemon=True)

@@ -97,15 +97,9 @@ class LegProgress:
     a loss of the link, is found on a later leg once it has driven that from its beginning to its end; the legs before
     then count as driven.
 
-    Parameters
-    ----------
-    legs : list of Leg
-        In driving order; more may be added.
-    near_m : float
-        Distance from the end of a leg at which it counts as reached [m].
+    `legs`: in driving order; more may be added. `near_m`: distance from the end of a leg at which it counts
+    as reached [m].
 
-    Examples
-    --------
     >>> progress = LegProgress([Leg("swath", [[0.0, 0.0], [10.0, 0.0]])], near_m=1.0)
     >>> [progress.moved(np.array([x, 0.1])) for x in (0.0, 5.0, 9.5)]
     [(), (), (0,)]
@@ -122,15 +116,7 @@ class LegProgress:
     def moved(self, xy: FloatArray) -> tuple[int, ...]:
         """Take the next place (2,) [m]; return the legs that it completes.
 
-        Parameters
-        ----------
-        xy : (2,) ndarray
-            Easting and northing [m].
-
-        Returns
-        -------
-        tuple of int
-            Indices into the legs.
+        `xy` (2,): easting and northing [m].
         """
         last = xy if self._last is None else self._last
         self._last = xy
@@ -180,22 +166,11 @@ def _gap_m(place: FloatArray, before: FloatArray, after: FloatArray) -> float:
 class Advice(NamedTuple):
     """What to do next.
 
-    Parameters
-    ----------
-    now : MapPrediction
-        Probability of the limit, and error, of the map of what was driven.
-    with_next : MapPrediction or None
-        The same with the next swath.
-    with_all : MapPrediction or None
-        The same with all swaths that are planned to follow.
-    legs : tuple of Leg
-        Way to the next swath and along it; empty where the survey ends.
-    is_met : bool
-        Whether the limit holds with the probability asked for.
-    kernel : Kernel
-        Likeliest covariance of the terrain.
-    unseen_m2 : float
-        Variance of relief so fine that samples show it as noise [m²].
+    `now`: probability of the limit, and error, of the map of what was driven. `with_next`: the same with the
+    next swath. `with_all`: the same with all swaths that are planned to follow. `legs`: way to the next swath
+    and along it; empty where the survey ends. `is_met`: whether the limit holds with the probability asked
+    for. `kernel`: likeliest covariance of the terrain. `unseen_m2`: variance of relief so fine that samples
+    show it as noise [m²].
     """
 
     now: MapPrediction
@@ -212,26 +187,8 @@ def advised(
 ) -> Advice:
     """Return the next swath, or that the survey ends.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    driven : list of Leg
-        What was driven so far, by one rover.
-    xy, heights : (N, 2) and (N,) ndarray
-        Places and heights of the samples [m].
-    config : AdaptiveConfig
-        Requirement on the map, and errors of the samples.
-
-    Returns
-    -------
-    Advice
-        No legs and ``is_met`` False where no survey of the swaths allowed would do.
-
-    Raises
-    ------
-    InputError
-        Too few samples to fit a covariance.
+    `xy`, `heights` (N, 2) and (N,): places and heights of the samples [m]. Returns: no legs and ``is_met``
+    False where no survey of the swaths allowed would do.
     """
     in_grid = config.in_grid_metres(settings_factor(area))
     state = AdaptiveState.driven(area, Route(tuple(driven), area.crs, "adaptive"), xy, heights, in_grid)
@@ -260,25 +217,11 @@ _NODES_ACROSS = 60
 class SurveyWatch:
     """Watch over one rover's survey.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    config : AdaptiveConfig
-        Requirement on the map, and errors of the samples.
-    legs : list of Leg
-        Planned legs in driving order; a swath that is advised is added when the rover is sent there.
-    every_m : float
-        Distance between updates of the map [m].
-    grid_m : float, optional
-        Step of the map [m]; a sixtieth of the longer side by default. The map reaches beyond the area by less
-        than a step.
-    advice : Advice, optional
-        That of the last swath.
-    samples : list of Sample
-        One for each step.
-    latest_map : tuple of ndarray, optional
-        Height and standard deviation (H, W) [m] on `grid` after the last update.
+    `area`: what is to be mapped. `config`: requirement on the map, and errors of the samples. `legs`: planned
+    legs in driving order; a swath that is advised is added when the rover is sent there. `every_m`: distance
+    between updates of the map [m]. `grid_m`: step of the map [m]; a sixtieth of the longer side by default.
+    The map reaches beyond the area by less than a step. `advice`: that of the last swath. `samples`: one for
+    each step. `latest_map`: height and standard deviation (H, W) [m] on `grid` after the last update.
     """
 
     area: SurveyArea
@@ -303,15 +246,7 @@ class SurveyWatch:
     def take(self, sample: Sample) -> list[Event]:
         """Take a sample, and return what it changes.
 
-        Parameters
-        ----------
-        sample : Sample
-            The next one.
-
-        Returns
-        -------
-        list of dict
-            Events: ``refused``, ``warning``, ``swath``, ``advice``, ``map``.
+        Returns: events: ``refused``, ``warning``, ``swath``, ``advice``, ``map``.
         """
         reason = self._gate.reason(sample)
         if reason is not None:
@@ -330,26 +265,12 @@ class SurveyWatch:
     def silent(self, time_s: float) -> list[Event]:
         """Take note that nothing arrived until a time.
 
-        Parameters
-        ----------
-        time_s : float
-            By the clock of the samples [s].
-
-        Returns
-        -------
-        list of dict
-            A warning, once.
+        `time_s`: by the clock of the samples [s].
         """
         return self._warnings.silent(time_s)
 
     def send(self, legs: tuple[Leg, ...]) -> None:
-        """Add the legs that the rover was sent along.
-
-        Parameters
-        ----------
-        legs : tuple of Leg
-            Of an advice.
-        """
+        """Add the legs that the rover was sent along."""
         self.legs.extend(legs)
 
     @property
@@ -363,18 +284,7 @@ class SurveyWatch:
         return np.array([one[1:4] for one in self.samples])
 
     def map(self) -> tuple[FloatArray, FloatArray]:
-        """Return height and standard deviation (H, W) [m] on the grid.
-
-        Returns
-        -------
-        tuple of ndarray
-            From all samples so far.
-
-        Raises
-        ------
-        InputError
-            Before the first advice, which fits the covariance.
-        """
+        """Return height and standard deviation (H, W) [m] on the grid."""
         if self.advice is None:
             raise InputError("the covariance is fitted after the first swaths; drive on.")
         sigma = np.array([one.sigma_m for one in self.samples])

@@ -232,13 +232,9 @@ class Progressed(NamedTuple):
 class LiteralCarving:
     """Surface by Algorithm 1: points and lines of sight in one order, with one learning rate.
 
-    Parameters
-    ----------
-    config : SpaceCarvingConfig
-        Length scales, η₀, λ, dead-band and prior; `ray_rate`, `ray_sigmas`, `gate` and `bounds` are not used.
-    is_rate_strict : bool
-        Whether η is proportional to t^(-1/2) from the first basis t on, and not as in `config`, after four
-        passes' worth of bases.
+    `config`: length scales, η₀, λ, dead-band and prior; `ray_rate`, `ray_sigmas`, `gate` and `bounds` are not
+    used. `is_rate_strict`: whether η is proportional to t^(-1/2) from the first basis t on, and not as in
+    `config`, after four passes' worth of bases.
     """
 
     config: SpaceCarvingConfig
@@ -249,13 +245,7 @@ class LiteralCarving:
     _prior_m: float = field(default=0.0, init=False)
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Make all passes over the points.
-
-        Raises
-        ------
-        InputError
-            Points without lines of sight.
-        """
+        """Make all passes over the points."""
         config, origins = self.config, checked_origins(points)
         lengths = config.lengths_m()
         low = np.minimum(points.xy.min(axis=0), origins[:, :2].min(axis=0)) - lengths[0]

@@ -35,12 +35,7 @@ Rng = np.random.Generator
 class CarvingWorld:
     """Synthetic terrain.
 
-    Parameters
-    ----------
-    name : str
-        What it is.
-    field : HeightField
-        Its heights, as the rays meet them.
+    `name`: what it is. `field`: its heights, as the rays meet them.
     """
 
     name: str

@@ -37,18 +37,8 @@ _OCCUPIED = 1
 class OctoMapSurface:
     """OctoMap of scans; every node takes the height of the nearest topmost occupied voxel.
 
-    Parameters
-    ----------
-    resolution_m : float
-        Side of a voxel [m].
+    `resolution_m`: side of a voxel [m].
 
-    Raises
-    ------
-    InputError
-        When octomap-python is not installed.
-
-    Notes
-    -----
     Voxels that were hit are remembered here, because walking through the tree from Python is
     far too slow; of these, the ones that the tree still holds occupied are asked for. Only
     the insertion is timed (`seconds`, CPU time of every scan).
@@ -231,8 +221,6 @@ def _keys(xy: FloatArray) -> IntArray:
 def below(score: float, baseline: float) -> float:
     """Return by how many per cent a score lies below a baseline.
 
-    Examples
-    --------
     >>> below(45.8, 74.6)
     38.6
     """

@@ -42,14 +42,8 @@ def sine_hills(xy: FloatArray) -> FloatArray:
 class RasterHeights:
     """Heights (H, W) [m] on a raster of equal steps, as the rays meet them.
 
-    Parameters
-    ----------
-    z : (H, W) ndarray
-        Heights, rows northwards.
-    step_m : float
-        Spacing [m].
-    west_m, south_m : float
-        Place of the first node [m].
+    `z` (H, W): heights, rows northwards. `step_m`: spacing [m]. `west_m`, `south_m`: place of the first node
+    [m].
     """
 
     z: FloatArray
@@ -171,8 +165,6 @@ def utilities(offset: FloatArray) -> dict[str, FloatArray]:
     :math:`\exp(-\frac12 (r - r_g)^2)`: with the printed r + r_g it is zero everywhere. CDF (Eq. 7) is
     read as :math:`1 - \frac12 (1 + \mathrm{erf}((r - r_s)/\sqrt 2))`: printed, it goes from 0.85 to 0.15.
 
-    Examples
-    --------
     >>> F = utilities(np.array([[0.0, 0.0], [6.0, 0.0], [90.0, 0.0]]))
     >>> F["CDF"].round(3).tolist(), F["Gaussian"].round(3).tolist()
     ([1.0, 0.023, 0.0], [0.0, 1.0, 0.0])
@@ -189,13 +181,6 @@ def utilities(offset: FloatArray) -> dict[str, FloatArray]:
 def weighted_mse_cm2(error_m: FloatArray, utility: FloatArray) -> float:
     r"""Return :math:`\sum e^2 F^2 / \sum F^2` [cm²]: the mean over the nodes that count (Eq. 4, normalised).
 
-    Raises
-    ------
-    InputError
-        When no node counts: a mean over none is no number.
-
-    Examples
-    --------
     >>> round(weighted_mse_cm2(np.array([0.1, 9.0]), np.array([1.0, 0.0])), 9)
     100.0
     """

@@ -245,16 +245,8 @@ SKIES: dict[str, dict[str, Any]] = {
 class SnowScene:
     """A small site under one sky, seen by the default camera.
 
-    Parameters
-    ----------
-    look : AppearanceConfig
-        Light and surface.
-    seed : int
-        Of ground, texture and noise.
-    imaging : ImagingConfig
-        The camera.
-    scenery : SceneryConfig
-        The ground's relief; without crevasses unless said.
+    `look`: light and surface. `seed`: of ground, texture and noise. `imaging`: the camera. `scenery`: the
+    ground's relief; without crevasses unless said.
     """
 
     look: AppearanceConfig

@@ -334,27 +334,7 @@ def survey_adaptively(
 
 
 def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig) -> Route:
-    """Return the swaths that are driven before the covariance is fitted to samples.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    posterior : KernelPosterior
-        Covariances from the prior.
-    config : AdaptiveConfig
-        Requirement on the map, and errors of the samples.
-
-    Returns
-    -------
-    Route
-        The first `AdaptiveConfig.n_first` swaths with their transits.
-
-    Raises
-    ------
-    InputError
-        No survey of the swaths allowed is predicted to meet the requirement.
-    """
+    """Return the swaths that are driven before the covariance is fitted to samples."""
     state = AdaptiveState(area, posterior, config.in_grid_metres(settings_factor(area)))
     for _ in range(config.n_first):
         lines = state.further(config.first_probability)
@@ -372,28 +352,10 @@ def next_swath(
 ) -> AdaptiveSurvey:
     """Return the swath to drive next, after what was driven and measured.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    driven : Route
-        Everything driven so far, by one rover.
-    xy, heights : (N, 2) and (N,) ndarray
-        Places and measured heights of all samples [m].
-    config : AdaptiveConfig
-        Requirement on the map, and errors of the samples.
-
-    Returns
-    -------
-    AdaptiveSurvey
-        ``route`` leads to the next swath and along it; None when no more is needed (``holds``) or when none is
-        enough. ``predicted`` includes all swaths that are planned to follow. The same swaths and samples give the
-        same answer, however often they are asked about.
-
-    Raises
-    ------
-    InputError
-        Too few samples to fit a covariance, or an area that no swath meets.
+    `xy`, `heights` (N, 2) and (N,): places and measured heights of all samples [m]. Returns: ``route`` leads
+    to the next swath and along it; None when no more is needed (``holds``) or when none is enough.
+    ``predicted`` includes all swaths that are planned to follow. The same swaths and samples give the same
+    answer, however often they are asked about.
     """
     config = config.in_grid_metres(settings_factor(area))
     state = AdaptiveState.driven(area, driven, xy, heights, config)

@@ -62,14 +62,9 @@ class ErrorMoments(NamedTuple):
 class ErrorDistribution:
     """Distribution of the root mean square error of a map.
 
-    Parameters
-    ----------
-    parts : sequence of ErrorMoments
-        One for each covariance; weights sum to 1.
-    spread : float
-        Scale of the logarithm of a factor of the roughness, which has Student's distribution.
-    open_spread : float
-        Standard deviation of the logarithm of another factor of the roughness, which is normal.
+    `parts`: one for each covariance; weights sum to 1. `spread`: scale of the logarithm of a factor of the
+    roughness, which has Student's distribution. `open_spread`: standard deviation of the logarithm of another
+    factor of the roughness, which is normal.
     """
 
     parts: Sequence[ErrorMoments]
@@ -185,15 +180,8 @@ class Correlogram:
     has no second derivative, and by 2e-7 where the length scale is a fortieth of the reach; correlations beyond the
     reach are those at its end.
 
-    Parameters
-    ----------
-    cell : Cell
-        Family and length scale.
-    reach_m : float
-        Largest distance that is asked for [m].
+    `cell`: family and length scale. `reach_m`: largest distance that is asked for [m].
 
-    Examples
-    --------
     >>> cell = Cell.of("whittle", 1000.0, 0.0)
     >>> xy = np.array([[0.0, 0.0], [30.0, 40.0]])
     >>> read = Correlogram(cell, reach_m=100.0).between(xy, xy)
@@ -285,18 +273,9 @@ class _Seen(NamedTuple):
 class LimitPredictor:
     """Predictor of the probability that samples at given places give a map within a limit.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        Where the map is judged, at 300 places or so.
-    limit_m : float
-        Largest root mean square error allowed [m].
-    step_m : float
-        Distance between samples [m].
-    inflation : float
-        Factor on predicted errors for covariances that are fitted.
-    shared_m : float
-        Standard deviation of an error of height that all samples share [m].
+    `area`: where the map is judged, at 300 places or so. `limit_m`: largest root mean square error allowed
+    [m]. `step_m`: distance between samples [m]. `inflation`: factor on predicted errors for covariances that
+    are fitted. `shared_m`: standard deviation of an error of height that all samples share [m].
     """
 
     area: SurveyArea
@@ -319,17 +298,7 @@ class LimitPredictor:
     def of(self, xy: FloatArray, posterior: KernelPosterior) -> MapPrediction:
         """Predict the map made from samples at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the samples [m].
-        posterior : KernelPosterior
-            Covariances that the terrain may have.
-
-        Returns
-        -------
-        MapPrediction
-            Weighted over the covariances.
+        `xy` (N, 2): places of the samples [m].
         """
         distribution = self.distribution(xy, posterior).with_shared(self.shared_m)
         return MapPrediction(distribution.probability(self.limit_m), distribution.rmse_m)
@@ -337,17 +306,7 @@ class LimitPredictor:
     def distribution(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
         """Predict the distribution of the map's error, from samples at places (N, 2) [m].
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the samples [m].
-        posterior : KernelPosterior
-            Covariances that the terrain may have.
-
-        Returns
-        -------
-        ErrorDistribution
-            Of the error over the area, without the error that all samples share.
+        `xy` (N, 2): places of the samples [m].
         """
         if len(xy) > _MOST_AT_ONCE:
             return self._in_patches(xy, posterior)

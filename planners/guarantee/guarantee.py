@@ -53,20 +53,7 @@ class StakePlan(NamedTuple):
 
     @classmethod
     def at_ends(cls, route: Route, saved_swaths: int) -> "StakePlan":
-        """Place a stake at the beginning of the first swath and one at the end of the last.
-
-        Parameters
-        ----------
-        route : Route
-            The route that passes them.
-        saved_swaths : int
-            How many swaths fewer are enough with them.
-
-        Returns
-        -------
-        StakePlan
-            Two places.
-        """
+        """Place a stake at the beginning of the first swath and one at the end of the last."""
         return cls(np.array([route.swaths[0].xy[0], route.swaths[-1].xy[-1]]), saved_swaths)
 
     def __str__(self) -> str:
@@ -85,32 +72,15 @@ LinePattern = LawnmowerConfig | WavyConfig
 class Guarantee:
     """A route, and the probability that its map meets a requirement.
 
-    Parameters
-    ----------
-    route : Route
-        The shortest route found, or the densest one tried where none meets the requirement.
-    config : LawnmowerConfig or WavyConfig
-        Its pattern.
-    requirement : MapRequirement
-        What the map has to meet.
-    posterior : KernelPosterior
-        Covariances that the guarantee rests on.
-    predicted : MapPrediction
-        Probability and error from these covariances.
-    likely : MapPrediction
-        The same where the terrain has the likeliest covariance of the prior.
-    likely_swaths : int
-        Number of swaths that are enough with that covariance, at most those of the route.
-    simulated : SimulatedErrors
-        Error of the map in each simulated survey, by kind of ground.
-    reachable_m : float
-        Error that the densest survey considered stays within with the required probability [m]; it does not
-        depend on the limit.
-    stakes : StakePlan or None
-        Stakes that save swaths, where errors that samples share cost some.
-    unstated_m : float or None
-        Error that the densest survey reaches where no class of surface is stated [m], for a guarantee that does not hold
-        and a class that the relief of the prior contradicts.
+    `route`: the shortest route found, or the densest one tried where none meets the requirement. `config`:
+    its pattern. `requirement`: what the map has to meet. `posterior`: covariances that the guarantee rests
+    on. `predicted`: probability and error from these covariances. `likely`: the same where the terrain has
+    the likeliest covariance of the prior. `likely_swaths`: number of swaths that are enough with that
+    covariance, at most those of the route. `simulated`: error of the map in each simulated survey, by kind of
+    ground. `reachable_m`: error that the densest survey considered stays within with the required probability
+    [m]; it does not depend on the limit. `stakes`: stakes that save swaths, where errors that samples share
+    cost some. `unstated_m`: error that the densest survey reaches where no class of surface is stated [m],
+    for a guarantee that does not hold and a class that the relief of the prior contradicts.
     """
 
     route: Route
@@ -181,22 +151,9 @@ _MOST_TRIALS = 4
 class SwathSearch:
     """Search for the fewest swaths that meet a requirement, whose lengths are grid metres.
 
-    Parameters
-    ----------
-    requirement : MapRequirement
-        What the map has to meet.
-    prior : Dem
-        Coarse elevations.
-    site : Drivable
-        Where the rover may be.
-    predictor : LimitPredictor
-        Predicts the error of a route's map.
-    posterior : KernelPosterior
-        Covariances that the terrain may have.
-    heading_deg : float
-        Of the swaths [deg].
-    counts : tuple of int
-        Numbers of swaths that are considered.
+    `requirement`: what the map has to meet. `prior`: coarse elevations. `site`: where the rover may be.
+    `predictor`: predicts the error of a route's map. `posterior`: covariances that the terrain may have.
+    `heading_deg`: of the swaths [deg]. `counts`: numbers of swaths that are considered.
     """
 
     requirement: MapRequirement
@@ -211,22 +168,7 @@ class SwathSearch:
 
     @classmethod
     def of(cls, area: SurveyArea, prior: Dem, requirement: MapRequirement) -> "SwathSearch":
-        """Fit the covariances to the prior, and set the numbers of swaths that are considered.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            What is to be mapped.
-        prior : Dem
-            Coarse elevations over the area.
-        requirement : MapRequirement
-            What the map has to meet, with lengths in grid metres.
-
-        Returns
-        -------
-        SwathSearch
-            With nothing predicted yet.
-        """
+        """Fit the covariances to the prior, and set the numbers of swaths that are considered."""
         heading_deg, width_m = heading_and_width(area, prior)
         return cls(
             requirement,
@@ -245,18 +187,7 @@ class SwathSearch:
         )
 
     def fewest(self, shape: LinePattern) -> int | None:
-        """Return the fewest swaths of a pattern that are predicted to be enough; None where none are.
-
-        Parameters
-        ----------
-        shape : LawnmowerConfig or WavyConfig
-            The pattern.
-
-        Returns
-        -------
-        int or None
-            One of the numbers that are considered.
-        """
+        """Return the fewest swaths of a pattern that are predicted to be enough; None where none are."""
         wanted, limit_m = self.requirement.probability, self.requirement.limit_m
 
         def is_enough(index: int) -> bool:
@@ -270,18 +201,7 @@ class SwathSearch:
         return None if found is None else self.counts[found - 1]
 
     def best(self, progress: Progress | None = None) -> Guarantee:
-        """Return the guarantee with the fewest swaths, of two alike the shorter; what reaches the least error where none holds.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with what is done, how much of it, and of how much.
-
-        Returns
-        -------
-        Guarantee
-            With the error that the densest survey of either pattern reaches.
-        """
+        """Return the guarantee with the fewest swaths, of two alike the shorter; what reaches the least error where none holds."""
         tried = []
         shapes = list(self.patterns())
         for done, shape in enumerate(shapes):
@@ -300,13 +220,7 @@ class SwathSearch:
         return replace(found, unstated_m=self._unstated_m()) if is_refuted else found
 
     def patterns(self) -> Iterator[LinePattern]:
-        """Yield wavy swaths, and straight ones that end before the border.
-
-        Yields
-        ------
-        LawnmowerConfig or WavyConfig
-            With one swath.
-        """
+        """Yield wavy swaths, and straight ones that end before the border."""
         # Settings are metres on the ground, the posterior's lengths grid metres.
         slope_length_m = self.posterior.slope_length_m / settings_factor(self.predictor.area)
         wavelength_m = WavyConfig(swaths=1).wavelength_scales * slope_length_m
@@ -398,32 +312,6 @@ def guarantee(
 ) -> Guarantee:
     """Find the shortest survey whose map meets a requirement, by prediction and by simulation.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    prior : Dem
-        Coarse elevations over the area, in its CRS.
-    requirement : MapRequirement
-        Largest error of the map, its probability, and the errors of the samples.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
-
-    Returns
-    -------
-    Guarantee
-        Check whether it `holds`; one that does not names the `reachable_m` error.
-
-    Raises
-    ------
-    InputError
-        A prior in another CRS, without a height on the area, or with too few or too many cells on it; an area
-        that no swath meets.
-    CapacityError
-        More samples or a larger area than can be simulated.
-
-    Notes
-    -----
     The map is a Gaussian process fitted to the survey alone. Relief finer than the prior resolves is extrapolated
     with the roughness of the class of surface; an adaptive survey (`planners.guarantee.adaptive`) learns it from the
     first swaths instead. Swaths run across a marked grain of the prior, at most five of its cells apart. Terrain that
@@ -439,27 +327,7 @@ def guarantee(
 
 
 def posterior_of(area: SurveyArea, prior: Dem, requirement: MapRequirement) -> KernelPosterior:
-    """Return the covariances that the cells of a prior make likely on an area.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    prior : Dem
-        Coarse elevations over the area, in its CRS.
-    requirement : MapRequirement
-        Its errors of the samples and of the prior are used.
-
-    Returns
-    -------
-    KernelPosterior
-        With lengths in the metres of the CRS.
-
-    Raises
-    ------
-    InputError
-        As `guarantee` does.
-    """
+    """Return the covariances that the cells of a prior make likely on an area."""
     require_cover(area, prior)
     requirement = requirement.in_grid_metres(settings_factor(area))
     return posterior_in_grid(area, prior, requirement)

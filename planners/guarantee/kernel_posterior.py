@@ -56,8 +56,6 @@ def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> 
     This is the one place where errors of the rover's place enter a predicted error; they are taken
     as independent from sample to sample.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> round(localized_noise_m(0.1, 1.0, SquaredExponential(25.0, 100.0)), 3)
     0.122
@@ -88,14 +86,9 @@ class WeightedKernel(NamedTuple):
 class KernelPosterior:
     """Covariances that the terrain may have, the weightiest first; weights sum to 1.
 
-    Parameters
-    ----------
-    kernels : tuple of WeightedKernel
-        The covariances.
-    spread : float
-        Scale of the logarithm of actual over predicted error, on ground unlike all of them (Student's distribution).
-    open_spread : float
-        Standard deviation of the logarithm of the roughness that the cells leave open (normal distribution).
+    `kernels`: the covariances. `spread`: scale of the logarithm of actual over predicted error, on ground
+    unlike all of them (Student's distribution). `open_spread`: standard deviation of the logarithm of the
+    roughness that the cells leave open (normal distribution).
     """
 
     kernels: tuple[WeightedKernel, ...]
@@ -152,25 +145,9 @@ def posterior_from_prior(
     never below that of the cells, the mean moves to the roughness of other landscapes, on ground as steep. The spread of
     the class of surface is a factor of its own.
 
-    Parameters
-    ----------
-    blocks : PriorBlocks
-        Cells of the prior on the area.
-    noise_m, localization_m : float
-        Errors of the samples to come, and of their places [m].
-    prior_sigma_m : float
-        Standard deviation of a cell [m].
-    surface : {"bare-ice", "snow", "moraine", "bedrock", "unknown"}
-        Class of the ground.
-    micro_relief_m : float, optional
-        Standard deviation of relief finer than the samples [m]; that of the class by default.
-    assumed : str, optional
-        Family of covariance, where it is known.
-
-    Returns
-    -------
-    KernelPosterior
-        With one covariance for each family.
+    `noise_m`, `localization_m`: errors of the samples to come, and of their places [m]. `prior_sigma_m`:
+    standard deviation of a cell [m]. `micro_relief_m`: standard deviation of relief finer than the samples
+    [m]; that of the class by default.
     """
     chosen = SURFACES[surface]
     weights = chosen.weights if assumed is None else {assumed: 1.0}
@@ -201,20 +178,9 @@ def posterior_from_survey(
 ) -> KernelPosterior:
     """Learn family, length scale, variance and noise from the samples of a survey.
 
-    Parameters
-    ----------
-    xy, heights : (N, 2) and (N,) ndarray
-        Places and measured heights [m].
-    noise_m, localization_m : float
-        Stated errors of a sample, and of its place [m]; the fit may depart from them by some 20 %. What it finds
-        beyond them is taken as relief finer than the samples.
-    spread : float
-        Of the posterior.
-
-    Returns
-    -------
-    KernelPosterior
-        The covariances that are nearly as likely as the best.
+    `xy`, `heights` (N, 2) and (N,): places and measured heights [m]. `noise_m`, `localization_m`: stated
+    errors of a sample, and of its place [m]; the fit may depart from them by some 20 %. What it finds beyond
+    them is taken as relief finer than the samples.
     """
     stated = max(noise_m, 1e-6)
     chosen = _clusters(len(xy))
@@ -245,22 +211,7 @@ def _clusters(n: int) -> IntArray:
 
 
 def posterior_in_grid(area: SurveyArea, prior: Dem, requirement: MapRequirement) -> KernelPosterior:
-    """Return the covariances that a prior makes likely, for a requirement whose lengths are grid metres.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    prior : Dem
-        Coarse elevations over the area.
-    requirement : MapRequirement
-        Errors of the samples and of the prior, and the class of surface.
-
-    Returns
-    -------
-    KernelPosterior
-        With lengths in the metres of the CRS.
-    """
+    """Return the covariances that a prior makes likely, for a requirement whose lengths are grid metres."""
     return posterior_from_prior(
         PriorBlocks.of(area, prior),
         noise_m=requirement.noise_m,
@@ -292,19 +243,8 @@ def checked_by_lines(
 ) -> KernelPosterior:
     """Scale the roughness of each covariance by what lines that are left out show of it.
 
-    Parameters
-    ----------
-    posterior : KernelPosterior
-        Covariances fitted to the samples.
-    xy, heights : (N, 2) and (N,) ndarray
-        Places and measured heights [m].
-    line : (N,) ndarray of int
-        Line that each sample belongs to.
-
-    Returns
-    -------
-    KernelPosterior
-        With the uncertainty of the roughness as its ``open_spread``.
+    `xy`, `heights` (N, 2) and (N,): places and measured heights [m]. `line` (N,) int: line that each sample
+    belongs to. Returns: with the uncertainty of the roughness as its ``open_spread``.
     """
     if len(np.unique(line)) < _LEAST_LINES:
         return KernelPosterior(posterior.kernels, posterior.spread, _UNCHECKED_SPREAD)

@@ -57,14 +57,8 @@ class Fit(NamedTuple):
 class PriorBlocks:
     """Blocks of cells of a prior on an area.
 
-    Parameters
-    ----------
-    blocks : sequence of Block
-        Cells, at most 100 each.
-    cell_m : float
-        Width of a cell [m].
-    resolution_cells : float
-        Width of what a cell shows, in cells.
+    `blocks`: cells, at most 100 each. `cell_m`: width of a cell [m]. `resolution_cells`: width of what a cell
+    shows, in cells.
     """
 
     blocks: Sequence[Block]
@@ -73,27 +67,7 @@ class PriorBlocks:
 
     @classmethod
     def of(cls, area: SurveyArea, prior: Dem, resolution_cells: float = RESOLUTION_CELLS) -> "PriorBlocks":
-        """Take up to six blocks of ten by ten cells, spread evenly over an area.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            Cells whose centres lie on it, or within one cell of it, are used.
-        prior : Dem
-            Coarse elevations of any size.
-        resolution_cells : float
-            Width of what a cell shows, in cells.
-
-        Returns
-        -------
-        PriorBlocks
-            With at least nine cells.
-
-        Raises
-        ------
-        InputError
-            Fewer than nine cells with a height on the area.
-        """
+        """Take up to six blocks of ten by ten cells, spread evenly over an area."""
         half = 0.5 * prior.step_m
         xmin, ymin, xmax, ymax = area.bounds
         near = prior.window((xmin - half, ymin - half, xmax + half, ymax + half))
@@ -139,17 +113,7 @@ class PriorBlocks:
     def fit(self, kernel: Kernel, ratio: float) -> Fit | None:
         """Return the likeliest variance for a covariance of unit variance, with white errors of the cells.
 
-        Parameters
-        ----------
-        kernel : Kernel
-            Covariance of variance 1 m².
-        ratio : float
-            Variance of a cell's error over that of the terrain.
-
-        Returns
-        -------
-        Fit or None
-            None where rounding makes a covariance indefinite.
+        Returns: None where rounding makes a covariance indefinite.
         """
         parts = [self._part(block, basis, kernel, ratio) for block, basis in self._bases]
         known = [part for part in parts if part is not None]

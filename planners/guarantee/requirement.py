@@ -40,14 +40,9 @@ Surface = Literal["bare-ice", "snow", "moraine", "bedrock", "unknown"]
 class SurfaceClass(NamedTuple):
     """How rough a class of ground is below the resolution of a prior.
 
-    Parameters
-    ----------
-    weights : mapping
-        Weight of each family of covariance before the prior is looked at.
-    micro_relief_m : float
-        Standard deviation of relief so fine that every sample sees another piece of it [m].
-    spread : float
-        Scale of the logarithm of actual over predicted roughness on ground of this class (Student's distribution).
+    `weights`: weight of each family of covariance before the prior is looked at. `micro_relief_m`: standard
+    deviation of relief so fine that every sample sees another piece of it [m]. `spread`: scale of the
+    logarithm of actual over predicted roughness on ground of this class (Student's distribution).
     """
 
     weights: Mapping[SearchedFamily, float]
@@ -87,20 +82,8 @@ def roughness_elsewhere(lag_m: float, slope: float) -> LogRoughness:
     at a slope of 1. It grows as the power 0.8 of the lag. The logarithm varies by 0.4 about that, and by 0.5 on a
     landscape that is left out; without the slope by 0.7 and 0.9.
 
-    Parameters
-    ----------
-    lag_m : float
-        Distance between the two places [m].
-    slope : float
-        Rise over run of the plane; taken as 0.02 to 1, as on the windows measured.
+    `lag_m`: distance between the two places [m].
 
-    Returns
-    -------
-    LogRoughness
-        With the variance on a landscape that is left out.
-
-    Examples
-    --------
     >>> round(float(np.exp(roughness_elsewhere(20.0, slope=0.2).mean)), 2)
     2.78
     """
@@ -119,18 +102,6 @@ _LARGEST_M = 1e6
 def require_probability(probability: float) -> None:
     """Refuse a probability that is too low for a guarantee, or too high for a model of terrain.
 
-    Parameters
-    ----------
-    probability : float
-        Probability with which a limit has to be met.
-
-    Raises
-    ------
-    ConfigError
-        A probability of 0.5 or less, or above 0.999.
-
-    Examples
-    --------
     >>> require_probability(0.95)
     """
     if not _LEAST_PROBABILITY < probability <= _MOST_PROBABILITY:
@@ -144,25 +115,11 @@ def require_probability(probability: float) -> None:
 class ErrorLimit:
     """Largest error of a map, with the probability and the errors of samples that a plan assumes.
 
-    Parameters
-    ----------
-    limit_m : float
-        Largest root mean square error of the map [m].
-    probability : float
-        Probability with which the limit has to be met, above 0.5 and at most 0.999.
-    noise_m, localization_m : float
-        Standard deviation of a sample's height, and of the rover's place east and north [m].
-    sample_step_m : float
-        Distance between samples [m].
-    shared_m : float
-        Standard deviation of an error of height that all samples share, as of the path [m].
-    max_swaths : int, optional
-        Most swaths to consider; by default as many as are two samples apart, 30 or more.
-
-    Raises
-    ------
-    ConfigError
-        A probability out of its range.
+    `limit_m`: largest root mean square error of the map [m]. `probability`: probability with which the limit
+    has to be met, above 0.5 and at most 0.999. `noise_m`, `localization_m`: standard deviation of a sample's
+    height, and of the rover's place east and north [m]. `sample_step_m`: distance between samples [m].
+    `shared_m`: standard deviation of an error of height that all samples share, as of the path [m].
+    `max_swaths`: most swaths to consider; by default as many as are two samples apart, 30 or more.
     """
 
     limit_m: float
@@ -197,37 +154,16 @@ class ErrorLimit:
 class MapRequirement(ErrorLimit):
     """Requirement on a map, with the errors of the samples it is made from.
 
-    Parameters
-    ----------
-    limit_m : float
-        Largest root mean square error of the map [m].
-    probability : float
-        Probability with which the limit has to be met, above 0.5 and at most 0.999.
-    noise_m, localization_m : float
-        Standard deviation of a sample's height, and of the rover's place east and north [m].
-    sample_step_m : float
-        Distance between samples [m].
-    shared_m : float
-        Standard deviation of an error of height that all samples share, as of the path [m].
-    max_swaths : int, optional
-        Most swaths to consider; by default as many as are two samples apart, 30 or more.
-    prior_sigma_m : float
-        Standard deviation of a cell of the prior [m].
-    surface : {"bare-ice", "snow", "moraine", "bedrock", "unknown"}
-        Class of the ground, which says how rough it is below the resolution of the prior.
-    micro_relief_m : float, optional
-        Standard deviation of relief finer than the samples [m]; that of the class by default.
-    n_simulations : int
-        Number of simulated surveys.
-    seed : int
-        Seed of the simulated terrain.
-    assumed : str, optional
-        Covariance family of the terrain; by default those of the class of surface.
-
-    Raises
-    ------
-    ConfigError
-        A number out of its range.
+    `limit_m`: largest root mean square error of the map [m]. `probability`: probability with which the limit
+    has to be met, above 0.5 and at most 0.999. `noise_m`, `localization_m`: standard deviation of a sample's
+    height, and of the rover's place east and north [m]. `sample_step_m`: distance between samples [m].
+    `shared_m`: standard deviation of an error of height that all samples share, as of the path [m].
+    `max_swaths`: most swaths to consider; by default as many as are two samples apart, 30 or more.
+    `prior_sigma_m`: standard deviation of a cell of the prior [m]. `surface`: class of the ground, which says
+    how rough it is below the resolution of the prior. `micro_relief_m`: standard deviation of relief finer
+    than the samples [m]; that of the class by default. `n_simulations`: number of simulated surveys. `seed`:
+    seed of the simulated terrain. `assumed`: covariance family of the terrain; by default those of the class
+    of surface.
     """
 
     prior_sigma_m: float = 1.0
@@ -263,18 +199,9 @@ class MapRequirement(ErrorLimit):
 def reachable_class(rmse_m: float) -> str | None:
     """Return the strictest map class of the paper's tables that an error meets.
 
-    Parameters
-    ----------
-    rmse_m : float
-        Root mean square error of a map [m].
+    `rmse_m`: root mean square error of a map [m]. Returns: class, contour interval and limit in words; None
+    where it meets none.
 
-    Returns
-    -------
-    str or None
-        Class, contour interval and limit in words; None where it meets none.
-
-    Examples
-    --------
     >>> reachable_class(0.25)
     'Class 2 at a 1.829 m interval (0.3048 m)'
     """

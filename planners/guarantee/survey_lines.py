@@ -31,12 +31,7 @@ _INSET_SHARE = 0.25
 class SurveyLines:
     """Lines across an area that swaths may be laid on, addressed by their distance from its edge.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground.
-    heading_deg : float, optional
-        Of the lines [deg]; across the narrowest width when left out.
+    `area`: the free ground. `heading_deg`: of the lines [deg]; across the narrowest width when left out.
     """
 
     def __init__(self, area: SurveyArea, heading_deg: float | None = None) -> None:
@@ -92,19 +87,8 @@ def gaps_filled(
     for a terrain of smoothness ν. Lines in a gap lie at equal distances, the outermost
     0.35 of a spacing from the border.
 
-    Parameters
-    ----------
-    driven : sequence of float
-        Offsets of the lines driven [m].
-    width_m : float
-        Width of the area [m].
-    n_lines : int
-        How many lines to lay.
-    growth : float
-        The exponent 2 ν + 1.
+    `driven`: offsets of the lines driven [m]. `width_m`: width of the area [m].
 
-    Examples
-    --------
     >>> [round(offset) for offset, _ in gaps_filled([100.0], 600.0, 3, 4.0)]
     [249, 399, 548]
     """
@@ -173,8 +157,6 @@ def heading_and_width(area: SurveyArea, prior: Dem) -> tuple[float, float]:
 def fewest(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:
     """Return the smallest number from 1 to `most` that is enough, sought from `first` on; None where none is.
 
-    Examples
-    --------
     >>> fewest(lambda n: n >= 7, first=5, most=30)
     7
     """
@@ -202,22 +184,8 @@ def swath_counts(width_m: float, cell_m: float, requirement: MapRequirement) -> 
     Swaths are at most five cells of the prior apart, for relief that is longer is all that the prior shows well, and
     at least two samples, or 30 of them on a narrow area. Beyond fifteen, numbers grow by a tenth.
 
-    Parameters
-    ----------
-    width_m : float
-        Width of the area across the swaths [m].
-    cell_m : float
-        Width of a cell of the prior [m].
-    requirement : MapRequirement
-        Its distance between samples and its largest number of swaths are used.
+    `width_m`: width of the area across the swaths [m]. `cell_m`: width of a cell of the prior [m].
 
-    Returns
-    -------
-    tuple of int
-        In rising order, at least one.
-
-    Examples
-    --------
     >>> swath_counts(600.0, 30.0, MapRequirement(0.4572, max_swaths=16))
     (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16)
     """

@@ -53,20 +53,6 @@ def straight_route(area: SurveyArea, config: SwathConfig, *, crew: Crew | None =
 
     On a rectangle that the swaths run along, one rover that pivots sweeps them back and
     forth; otherwise they are cut into cells and joined by the shortest transits found.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground.
-    config : SwathConfig
-        Number or spacing of the swaths, heading and border.
-    crew : Crew, optional
-        Rovers and prior elevations; one rover that pivots by default.
-
-    Returns
-    -------
-    Route
-        Without a prediction.
     """
     return swath_route(area, config, crew or Crew(), lambda axes, _: lawnmower(axes))
 
@@ -180,16 +166,7 @@ def lawnmower(axes: list[FloatArray]) -> list[Swath]:
 def tie_lines(area: SurveyArea, config: SwathConfig, heading_deg: float, after: FloatArray) -> list[Swath]:
     """Lay `config.tie_lines` straight lines square to the swaths, evenly over the area.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is surveyed.
-    config : SwathConfig
-        Number of lines.
-    heading_deg : float
-        Heading of the swaths.
-    after : (2,) ndarray
-        Where the last swath ends [m]; the lines begin at the nearest corner.
+    `after` (2,): where the last swath ends [m]; the lines begin at the nearest corner.
     """
     if config.tie_lines == 0:
         return []

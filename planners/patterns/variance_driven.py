@@ -67,27 +67,6 @@ def variance_driven(
     with the greatest expected gain per added metre at their cheapest place are evaluated
     fully, and the best of them is inserted, until the budget is used or the wanted error is
     predicted. The search is greedy: it looks one waypoint ahead.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground.
-    config : VarianceDrivenConfig
-        Budget or wanted error, with lengths in grid metres.
-    model : ErrorModel
-        Predicts the error of a path.
-    progress : callable, optional
-        Called after every inserted waypoint.
-
-    Returns
-    -------
-    tuple of Leg
-        One swath through all waypoints.
-
-    Raises
-    ------
-    InputError
-        A budget that no waypoint fits; an error that all candidates together do not reach.
     """
     lattice = _lattice(area, config.n_places)
     ground = area.free.buffer(1e-6)

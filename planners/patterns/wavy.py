@@ -72,18 +72,8 @@ def wavy(
     wave would leave the free ground its amplitude is halved until it does not, and the swath
     is straight when five halvings are not enough.
 
-    Parameters
-    ----------
-    axes : list of (2, 2) ndarray
-        In boustrophedon order and direction [m].
-    area : SurveyArea
-        The free ground.
-    config : WavyConfig
-        The shape.
-    spacing_m, wavelength_m : float
-        D and λ [m].
-    turn_radius_m : float
-        R [m]; 0 for a rover that pivots.
+    `axes`: in boustrophedon order and direction [m]. `spacing_m`, `wavelength_m`: D and λ [m].
+    `turn_radius_m`: R [m]; 0 for a rover that pivots.
     """
     total_m = float(sum(np.hypot(*(axis[1] - axis[0])) for axis in axes))
     require_waypoints(_POINTS_PER_WAVE * total_m / wavelength_m, "the wavelength", wavelength_m)
@@ -132,26 +122,7 @@ def wavy_route(
 ) -> Route:
     """Lay wavy swaths over an area and join them.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground.
-    config : WavyConfig
-        Number or spacing of the swaths, heading, border and waves.
-    slope_length_m : float, optional
-        Distance over which the terrain's slopes change [m]; needed without a wavelength.
-    crew : Crew, optional
-        Rovers and prior elevations; one rover that pivots by default.
-
-    Returns
-    -------
-    Route
-        Without a prediction.
-
-    Raises
-    ------
-    ConfigError
-        Neither a wavelength nor a slope length.
+    `slope_length_m`: distance over which the terrain's slopes change [m]; needed without a wavelength.
     """
     crew = crew or Crew()
     wavelength_m = _wavelength_m(config, slope_length_m)

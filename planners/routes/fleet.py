@@ -140,42 +140,14 @@ def share(
     battery, each rover's row is then cut into trips from its depot that take the least
     time; rovers are balanced by their driving, not by their recharging.
 
-    Parameters
-    ----------
-    swaths : sequence of (N, 2) ndarray
-        On free ground [m].
-    ground : FreeGround
-        Where rovers may be.
-    depots : (K, 2) array_like
-        Where each rover starts and finishes [m]; may coincide.
-    finishes : (K, 2) array_like, optional
-        Where each rover finishes [m], if elsewhere; not with a battery, which is changed at the depot.
-    mobility : Mobility, optional
-        Speed, time for turns, energy and battery of every rover.
-    dem : Dem, optional
-        Heights for the energy on slopes.
-    axes, turning
-        As for `planners.routes.tours.connect`.
+    `swaths`: on free ground [m]. `depots` (K, 2): where each rover starts and finishes [m]; may coincide.
+    `finishes` (K, 2): where each rover finishes [m], if elsewhere; not with a battery, which is changed at
+    the depot. Returns: the legs of rover 0, then those of rover 1, and so on. A rover that would bring
+    nothing stays at home and has no legs; the others keep the numbers of their depots.
 
-    Returns
-    -------
-    tuple of Leg
-        The legs of rover 0, then those of rover 1, and so on. A rover that would bring
-        nothing stays at home and has no legs; the others keep the numbers of their depots.
-
-    Raises
-    ------
-    InputError
-        No swaths, a depot off the free ground, swaths that cannot be reached, or a swath
-        that one battery does not suffice for.
-
-    Notes
-    -----
     The energy of a transit is taken as that of level ground while sharing; the predicted
     energy of the finished route uses the slopes. Keep a margin in the battery.
 
-    Examples
-    --------
     >>> import shapely
     >>> ground = FreeGround(shapely.box(0.0, 0.0, 80.0, 100.0))
     >>> lines = [np.array([[x, 0.0], [x, 100.0]]) for x in (10.0, 30.0, 50.0, 70.0)]
@@ -305,24 +277,7 @@ def departures(legs: Sequence[Leg], mobility: Mobility, separation_m: float) -> 
     it stays `separation_m` away from all before it. While one of two rovers is within twice that
     distance of its own depot, they may be nearer, so that rovers can share a depot.
 
-    Parameters
-    ----------
-    legs : sequence of Leg
-        Of all rovers.
-    mobility : Mobility
-        Their speed; turns on the spot are not timed.
-    separation_m : float
-        Smallest distance between two rovers [m].
-
-    Returns
-    -------
-    (K,) ndarray
-        Waiting time of each rover [s].
-
-    Raises
-    ------
-    InputError
-        A rover that would have to wait until another one has finished.
+    `separation_m`: smallest distance between two rovers [m]. Returns (K,): waiting time of each rover [s].
     """
     if not separation_m > 0.0:
         raise ConfigError(f"the separation is {separation_m} m; it must be greater than 0.")

@@ -21,14 +21,8 @@ _SHORTEST_M = 1.0
 class Loss(NamedTuple):
     """Loss of a rover: its number, counted from 0, time since the departure [s], and progress along its path [m].
 
-    Parameters
-    ----------
-    rover : int
-        Number of the rover, counted from 0.
-    time_s : float
-        Time since the departure [s].
-    progress_m : float
-        Distance along the rover's path, in the CRS of the route [m].
+    `rover`: number of the rover, counted from 0. `time_s`: time since the departure [s]. `progress_m`:
+    distance along the rover's path, in the CRS of the route [m].
     """
 
     rover: int
@@ -37,20 +31,7 @@ class Loss(NamedTuple):
 
 
 def cut_short(route: Route, loss: Loss) -> Route:
-    """Return a route in which the path of a lost rover ends where it was lost.
-
-    Parameters
-    ----------
-    route : Route
-        Route of all rovers.
-    loss : Loss
-        Who was lost, and where.
-
-    Returns
-    -------
-    Route
-        Without prediction.
-    """
+    """Return a route in which the path of a lost rover ends where it was lost."""
     done, _ = _split(_legs_of(route.legs, loss.rover), loss.progress_m)
     legs = [leg for leg in route.legs if leg.rover != loss.rover]
     return replace(route, legs=tuple(sorted([*legs, *done], key=lambda leg: leg.rover)), prediction={})
@@ -70,35 +51,6 @@ def replanned(
     Every other rover finishes the leg that it is on at that time, drives its share of all swaths that no rover has
     driven (`planners.routes.fleet.share`), and returns to where it began.
 
-    Parameters
-    ----------
-    route : Route
-        Route of all rovers.
-    loss : Loss
-        Who was lost, when and where.
-    ground : FreeGround
-        Where rovers may be.
-    rover : Rover
-        Speed, turns and energy of every rover.
-    dem : Dem, optional
-        Heights for the energy on slopes.
-    lost : collection of int
-        Rovers that were lost before; their legs stay as they are.
-
-    Returns
-    -------
-    Route
-        Without prediction. The same as `cut_short` where no rover or no swath is left.
-
-    Raises
-    ------
-    ConfigError
-        A rover with a battery, whose charge at that time is not known.
-    InputError
-        Swaths that the other rovers cannot reach.
-
-    Notes
-    -----
     Rovers are assumed to drive at their speed without a stop. A rover that drives slower or stops has not come as far
     as this at the time of the loss, so that none is asked to turn back.
     """
@@ -145,20 +97,7 @@ def _shared(
 
 
 def remaining_swaths(route: Route, loss: Loss) -> tuple[Leg, ...]:
-    """Return the swaths that a lost rover leaves, its part of a swath among them.
-
-    Parameters
-    ----------
-    route : Route
-        Route of all rovers before the loss.
-    loss : Loss
-        Who was lost, and where.
-
-    Returns
-    -------
-    tuple of Leg
-        Swaths in driving order, without pieces shorter than a metre.
-    """
+    """Return the swaths that a lost rover leaves, its part of a swath among them."""
     _, left = _split(_legs_of(route.legs, loss.rover), loss.progress_m)
     return tuple(leg for leg in left if leg.kind == "swath" and leg.length_m >= _SHORTEST_M)
 

@@ -83,20 +83,8 @@ def energy_per_metre(slope_rad: FloatArray, mobility: Mobility) -> FloatArray:
     with slope θ along the way (positive uphill), efficiency η, mass m, rolling
     resistance c, idle power P and speed v. Nothing is won back downhill.
 
-    Parameters
-    ----------
-    slope_rad : (N,) ndarray
-        Slope along the direction of driving.
-    mobility : Mobility
-        The rover.
+    `slope_rad` (N,): slope along the direction of driving. Returns (N,): joules per metre along the slope.
 
-    Returns
-    -------
-    (N,) ndarray
-        Joules per metre along the slope.
-
-    Examples
-    --------
     >>> rover = Mobility(mass_kg=100.0, rolling_resistance=0.0, efficiency=1.0, idle_w=0.0)
     >>> float(energy_per_metre(np.array([np.pi / 2]), rover)[0])
     981.0
@@ -110,30 +98,9 @@ def energy_per_metre(slope_rad: FloatArray, mobility: Mobility) -> FloatArray:
 def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None, *, crs: CRS | None = None) -> Effort:
     """Return length, time and energy of driving along a polyline.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Waypoints in driving order [m].
-    mobility : Mobility
-        The rover.
-    dem : Dem, optional
-        Heights; level ground without. The slope is taken between points one cell apart.
-    crs : pyproj.CRS, optional
-        Of the waypoints; lengths are then those on the ellipsoid. Without it grid metres
-        count as metres on the ground.
+    `xy` (N, 2): waypoints in driving order [m]. Returns: ``length_m`` in the horizontal plane; time and
+    energy along the slope.
 
-    Returns
-    -------
-    Effort
-        ``length_m`` in the horizontal plane; time and energy along the slope.
-
-    Raises
-    ------
-    InputError
-        A way that leaves the known heights of the DEM.
-
-    Examples
-    --------
     >>> effort(np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 10.0]]), Mobility()).n_turns
     1
     """
@@ -203,30 +170,11 @@ def predicted(
 ) -> dict[str, float]:
     """Return the expected length, time and energy of a route, for `Route.prediction`.
 
-    Parameters
-    ----------
-    legs : sequence of Leg
-        Of all rovers, numbered from 0.
-    mobility : Mobility
-        The rovers.
-    dem : Dem, optional
-        Heights; level ground without.
-    waits_s : (K,) ndarray, optional
-        How long each rover waits before it departs [s].
-    crs : pyproj.CRS, optional
-        Of the legs; lengths are then those on the ellipsoid. Without it grid metres count
-        as metres on the ground.
+    `waits_s` (K,): how long each rover waits before it departs [s]. Returns: ``length_m``, ``n_turns`` and
+    ``energy_j`` of all rovers together, ``time_s`` until the last one is done, and the share
+    ``transit_share`` of transit in swath metres. With a battery ``n_recharges``, whose time is counted; with
+    waits ``wait_s_rover_0`` and so on.
 
-    Returns
-    -------
-    dict of str to float
-        ``length_m``, ``n_turns`` and ``energy_j`` of all rovers together, ``time_s`` until
-        the last one is done, and the share ``transit_share`` of transit in swath metres.
-        With a battery ``n_recharges``, whose time is counted; with waits ``wait_s_rover_0``
-        and so on.
-
-    Examples
-    --------
     >>> leg = Leg("swath", np.array([[0.0, 0.0], [100.0, 0.0]]))
     >>> predicted([leg], Mobility(speed_m_s=2.0))["time_s"]
     50.0
@@ -321,18 +269,6 @@ def crew_in_grid_metres(crew: Crew, factor: float) -> Crew:
 
     The energy for a grid metre is smaller by the factor, which a smaller mass and a higher
     speed express.
-
-    Parameters
-    ----------
-    crew : Crew
-        With metres on the ground.
-    factor : float
-        As `planners.config.settings_factor` returns it.
-
-    Returns
-    -------
-    Crew
-        The same object for a factor of 1.
     """
     if factor == 1.0:
         return crew
@@ -342,13 +278,7 @@ def crew_in_grid_metres(crew: Crew, factor: float) -> Crew:
 
 
 def depots(area: SurveyArea, fleet: Fleet) -> FloatArray | None:
-    """Return where each rover begins (K, 2) [m]; None where a single rover may begin anywhere.
-
-    Raises
-    ------
-    InputError
-        Neither one start nor one for each rover; no start where rovers have to return to it.
-    """
+    """Return where each rover begins (K, 2) [m]; None where a single rover may begin anywhere."""
     require_rovers(fleet.rovers)
     n_starts = len(area.starts)
     if n_starts == fleet.rovers:
@@ -366,22 +296,7 @@ def depots(area: SurveyArea, fleet: Fleet) -> FloatArray | None:
 def homes_of(area: SurveyArea, crew: Crew) -> FloatArray | None:
     """Return where each rover begins, as `depots` does, and refuse rovers that return without a start.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        With its starts.
-    crew : Crew
-        Rovers and fleet.
-
-    Returns
-    -------
-    (K, 2) ndarray or None
-        Starts [m]; None where a single rover may begin anywhere.
-
-    Raises
-    ------
-    InputError
-        Neither one start nor one for each rover; no start where rovers have to return to it.
+    Returns (K, 2): starts [m]; None where a single rover may begin anywhere.
     """
     homes = depots(area, crew.fleet)
     if homes is None and (crew.fleet.return_to_start or crew.makes_round_trips):

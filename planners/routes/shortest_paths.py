@@ -294,24 +294,12 @@ MAX_CORNERS = 20_000
 class FreeGround:
     """The ground that every metre of every leg must stay on, and the shortest ways within it.
 
-    Parameters
-    ----------
-    polygon : shapely.Polygon or shapely.MultiPolygon
-        The area less no-go zones and impassable ground [m].
+    `polygon`: the area less no-go zones and impassable ground [m].
 
-    Notes
-    -----
     Shortest ways bend at reflex corners only, which are moved `MARGIN_M` into the ground;
     they are therefore longer than the true shortest ones by about that much per bend.
     Passages narrower than two margins count as closed.
 
-    Raises
-    ------
-    InputError
-        Ground with more than `MAX_CORNERS` corners, or narrower than two margins everywhere.
-
-    Examples
-    --------
     >>> wall = shapely.box(40.0, 0.0, 60.0, 90.0)
     >>> ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 100.0) - wall)
     >>> ground.way((10.0, 10.0), (90.0, 10.0)).round(1)
@@ -408,13 +396,7 @@ class FreeGround:
         return shapely.covers(self.polygon, lines)
 
     def way(self, a: Any, b: Any) -> FloatArray:
-        """Return the waypoints (K, 2) of the shortest way between two points of the ground [m].
-
-        Raises
-        ------
-        InputError
-            A point outside the ground, or two points that no way joins.
-        """
+        """Return the waypoints (K, 2) of the shortest way between two points of the ground [m]."""
         ends = np.array([a, b], dtype=np.float64)
         for end in ends:
             if not self.polygon.intersects(Point(end)):

@@ -238,37 +238,10 @@ def connect(
     2003), each transit measured along its true detour. It is no proven optimum; on
     sites with many no-go zones it stays a few percent above the best known tours.
 
-    Parameters
-    ----------
-    swaths : list of (N, 2) ndarray
-        Straight or winding, each on free ground [m].
-    ground : FreeGround
-        Where rovers may be.
-    start, end : (2,) array_like, optional
-        Where the rover starts and has to finish [m]; anywhere by default.
-    axes : sequence of (2, 2) ndarray, optional
-        The straight line that each swath deviates from [m]; its first and last point by default.
-    turning : Turning, optional
-        Curved transits for a rover that cannot pivot; swaths then need room at their
-        ends, so lay them with an inset of about twice the radius.
-    rover : int
-        Who drives the legs.
+    `swaths`: straight or winding, each on free ground [m]. `start`, `end` (2,): where the rover starts and
+    has to finish [m]; anywhere by default. `axes`: the straight line that each swath deviates from [m]; its
+    first and last point by default.
 
-    Returns
-    -------
-    tuple of Leg
-        Swaths and transits in driving order. Without a `start`, a site that is swept
-        best in the given order begins with the first swath in its given direction.
-
-    Raises
-    ------
-    InputError
-        No swaths, a start or end off the free ground, or swaths that no way joins;
-        the message names the part of the ground that is cut off. A turn for which the
-        ground leaves no room.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> import shapely
     >>> ground = FreeGround(shapely.box(0.0, 0.0, 40.0, 100.0))

@@ -31,8 +31,6 @@ def roughness(dem: Dem) -> FloatArray:
     The plane is the least-squares one; with nine heights and three parameters the sum of
     squares is divided by six. NaN at the border and beside nodata.
 
-    Examples
-    --------
     >>> from affine import Affine
     >>> tilted = Dem(np.add.outer(np.arange(4.0), np.arange(4.0)), Affine(1, 0, 0, 0, -1, 0), "EPSG:32608")
     >>> bool(np.nanmax(roughness(tilted)) < 1e-9)
@@ -360,20 +358,6 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
 def without_marked(area: SurveyArea, mask: Dem) -> SurveyArea:
     """Return an area whose no-go zones also hold the cells of a raster that are marked, with half a cell around them.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-    mask : Dem
-        1 where driving is forbidden, such as the ``no_go.tif`` of a map with bounds; 0 or NaN elsewhere.
-
-    Raises
-    ------
-    InputError
-        Another CRS, other values, nothing left, or a start on marked ground.
-
-    Examples
-    --------
     >>> from affine import Affine
     >>> square = SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), "EPSG:32608")
     >>> corner = np.zeros((4, 4))

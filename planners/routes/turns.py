@@ -37,8 +37,6 @@ def dubins_words(start: Pose, goal: Pose, radius_m: float) -> list[Word]:
 
     The shortest way of bounded curvature is one of them (Dubins 1957).
 
-    Examples
-    --------
     >>> words = dubins_words((0.0, 0.0, 0.0), (0.0, 4.0, np.pi), 2.0)
     >>> [(steering, round(length, 3)) for steering, length in words[0] if length > 1e-9]
     [(1, 3.142)]
@@ -58,8 +56,6 @@ def reeds_shepp_words(start: Pose, goal: Pose, radius_m: float) -> list[Word]:
     the goal as it is, mirrored in time, mirrored left to right, and both; and from the
     goal back to the start.
 
-    Examples
-    --------
     >>> word = reeds_shepp_words((0.0, 0.0, 0.0), (-3.0, 0.0, 0.0), 1.0)[0]
     >>> round(word_length(word), 6)
     3.0
@@ -202,8 +198,6 @@ def _arrives(word: Word, x: float, y: float, turn: float) -> bool:
 def moved(pose: Pose, steering: int, length: float, radius_m: float) -> Pose:
     """Return the pose after one piece of a word, or part of it.
 
-    Examples
-    --------
     >>> x, y, heading = moved((0.0, 0.0, 0.0), 1, np.pi, 2.0)
     >>> round(float(y), 6), round(float(heading), 6)
     (4.0, 3.141593)
@@ -226,8 +220,6 @@ _MOST_WORDS = 12
 class Turning(Section):
     """Turning radius of a rover, and whether it may reverse.
 
-    Examples
-    --------
     >>> Turning(turn_radius_m=3.0, reverse=True).turn_radius_m
     3.0
     """
@@ -241,8 +233,6 @@ class Turning(Section):
 def turn_length_m(start: Pose, goal: Pose, turning: Turning) -> float:
     """Return the length of the shortest turn on open ground [m].
 
-    Examples
-    --------
     >>> round(turn_length_m((0.0, 0.0, 0.0), (0.0, 4.0, np.pi), Turning(turn_radius_m=2.0)), 3)
     6.283
     """
@@ -277,12 +267,7 @@ def traced(start: Pose, word: Word, radius_m: float) -> FloatArray:
 class Turns:
     """The turns of one rover on some ground.
 
-    Parameters
-    ----------
-    ground : FreeGround
-        Where it may be.
-    turning : Turning
-        Radius greater than 0.
+    `ground`: where it may be. `turning`: radius greater than 0.
     """
 
     ground: FreeGround
@@ -299,11 +284,6 @@ class Turns:
 
         The shortest word that does; where obstacles leave none, a chain of words along
         the shortest way that keeps room for rounding its corners.
-
-        Raises
-        ------
-        InputError
-            Neither fits.
         """
         for points in (self._direct(start, goal), self._along_way(start, goal)):
             if points is not None:
@@ -357,8 +337,6 @@ def headland_m(turning: Turning, spacing_m: float) -> float:
     swings out and back on three arcs, the middle one's centre as far beyond the ends as the
     root says.
 
-    Examples
-    --------
     >>> headland_m(Turning(turn_radius_m=5.0), 20.0), headland_m(Turning(), 20.0)
     (10.0, 0.0)
     """

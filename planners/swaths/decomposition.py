@@ -45,33 +45,11 @@ def swaths_on(
     that is longer than a spacing along the heading (a passage beside a hole, a flat tip)
     gets a swath of its own; `unswept` returns what is still left.
 
-    Parameters
-    ----------
-    ground : FreeGround
-        Where rovers may be.
-    spacing_m : float
-        Largest distance between neighbouring swaths [m].
-    heading_deg : float
-        Direction of the first swath, counter-clockwise from east [deg]; the following
-        swaths lie to its right.
-    inset_m : float
-        How far swaths end before the border, along their heading [m].
-    headland_m : float
-        Width of the strip along every border that swaths leave free [m].
-    outer_share : float
-        Distance of the outermost lines from the ground's edge, in spacings.
-
-    Returns
-    -------
-    list of (2, 2) ndarray
-        Both ends of every swath [m], cell by cell, all pointing along the heading.
-
-    Raises
-    ------
-    ConfigError
-        A spacing that is not greater than 0, an inset or a headland below 0.
-    InputError
-        Ground on which no swath fits.
+    `spacing_m`: largest distance between neighbouring swaths [m]. `heading_deg`: direction of the first
+    swath, counter-clockwise from east [deg]; the following swaths lie to its right. `inset_m`: how far swaths
+    end before the border, along their heading [m]. `headland_m`: width of the strip along every border that
+    swaths leave free [m]. Returns: both ends of every swath [m], cell by cell, all pointing along the
+    heading.
     """
     _require_spacing(spacing_m)
     for name, width_m in (("inset", inset_m), ("headland", headland_m)):
@@ -232,17 +210,8 @@ def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:
     Swaths on neighbouring lines belong to one cell when each is the other's only
     neighbour; a line that splits, merges, begins or ends starts a new cell.
 
-    Parameters
-    ----------
-    swaths : list of (2, 2) ndarray
-        As `swaths_on` returns them [m].
-    heading_deg : float
-        Their heading, counter-clockwise from east [deg].
-
-    Returns
-    -------
-    (N,) ndarray of int
-        The cell of each swath, counted from 0 in the order of the lines.
+    `swaths`: as `swaths_on` returns them [m]. `heading_deg`: their heading, counter-clockwise from east
+    [deg]. Returns (N,) int: the cell of each swath, counted from 0 in the order of the lines.
     """
     along, left = axes_of(heading_deg)
     ends = ends_of(swaths).reshape(-1, 2, 2)

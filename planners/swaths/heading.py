@@ -21,30 +21,8 @@ def heading_by(
 ) -> float:
     """Return the swaths' heading [deg, 0 to 180), counter-clockwise from east.
 
-    Parameters
-    ----------
-    rule : {"narrowest", "fewest-swaths", "slope", "grain"}
-        ``narrowest``: across the smallest width of the ground's hull.
-        ``fewest-swaths``: of the directions of the ground's longest edges, the one that
-        needs the fewest swaths, then the fewest swath metres; for concave ground and holes.
-        ``slope``: along the mean gradient, so that a rover climbs and never traverses.
-        ``grain``: along the direction in which the terrain changes most, so that lines are
-        sparse only where heights are alike: the first axis of the gradient's second moments
-        (structure tensor).
-    ground : FreeGround
-        Where swaths will be laid.
-    dem : Dem, optional
-        Needed by ``slope`` and ``grain``.
-    spacing_m : float, optional
-        Needed by ``fewest-swaths`` [m].
+    `spacing_m`: needed by ``fewest-swaths`` [m].
 
-    Raises
-    ------
-    InputError
-        What the rule needs is missing, or the terrain is flat or without a grain.
-
-    Examples
-    --------
     >>> ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 30.0))
     >>> heading_by("narrowest", ground)
     0.0
@@ -67,20 +45,6 @@ def across_marked_grain(ground: FreeGround, dem: Dem) -> float:
     Samples along a swath do not show ridges that run beside it: the map and its predicted error are both worse
     where swaths run along the grain.
 
-    Parameters
-    ----------
-    ground : FreeGround
-        Where swaths will be laid.
-    dem : Dem
-        Elevations of the ground; coarse ones do.
-
-    Raises
-    ------
-    InputError
-        A DEM without a height on the ground.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> ridges = np.outer(5.0 * np.sin(np.arange(10.0)), np.ones(10))
     >>> ridges = Dem.on(Grid((0.0, 0.0, 90.0, 90.0), 10.0), ridges)

@@ -64,11 +64,6 @@ def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
     The width W across the heading is shared by n lines so that neighbours are
     ``D = W / (n - 1 + 2 o)`` apart and the outer ones `outer_share` o spacings from the
     border: for o = 1/2 the lines at ``(i + 1/2) W / n`` of the glacier paper.
-
-    Raises
-    ------
-    InputError
-        No line meets the free ground.
     """
     heading_deg = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
     along, left = axes_of(heading_deg)
@@ -176,18 +171,8 @@ def count_lines(route: Route) -> int:
 
     A concave border or no-go ground cuts a line into several swaths.
 
-    Parameters
-    ----------
-    route : Route
-        Its swaths' axes are counted; those on one line to a centimetre count once.
+    Returns: at most ``len(route.swaths)``.
 
-    Returns
-    -------
-    int
-        At most ``len(route.swaths)``.
-
-    Examples
-    --------
     >>> from survey import Leg
     >>> legs = (Leg("swath", [[0.0, 0.0], [4.0, 0.0]]), Leg("transit", [[4.0, 0.0], [6.0, 0.0]]),
     ...         Leg("swath", [[6.0, 0.0], [9.0, 0.0]]))
@@ -214,15 +199,7 @@ def count_lines(route: Route) -> int:
 def swaths_text(route: Route) -> str:
     """Return the number of swaths in words, with the number of lines where some are cut into pieces.
 
-    Parameters
-    ----------
-    route : Route
-        A planned route.
-
-    Returns
-    -------
-    str
-        Such as ``"4 swaths"`` or ``"4 lines in 6 pieces"``.
+    Returns: such as ``"4 swaths"`` or ``"4 lines in 6 pieces"``.
     """
     n_lines, n_pieces = count_lines(route), len(route.swaths)
     if n_lines < n_pieces:

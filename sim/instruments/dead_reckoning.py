@@ -147,12 +147,7 @@ class WheelEncoders:
 class WheelFaults:
     """Faults of the encoders: a wrong calibration, and tracks that stand still while the rover is carried.
 
-    Parameters
-    ----------
-    faults : sequence of FaultConfig
-        All faults of the mission.
-    seed : int
-        The mission's seed; these faults draw nothing.
+    `faults`: all faults of the mission. `seed`: the mission's seed; these faults draw nothing.
     """
 
     def __init__(self, faults: Sequence[FaultConfig], seed: int) -> None:

@@ -76,14 +76,8 @@ _DEGREES = {"rough": 3.0, "medium": 5.0, "smooth": np.inf}
 class PayloadField:
     """Field of one quantity: a sum of waves with random directions, about a linear dependence on elevation and aspect.
 
-    Parameters
-    ----------
-    config : PayloadConfig
-        Sizes of its parts.
-    terrain : Dem
-        Real terrain.
-    seed : int
-        Seed of the site: all rovers measure the same field.
+    `config`: sizes of its parts. `terrain`: real terrain. `seed`: seed of the site: all rovers measure the
+    same field.
     """
 
     def __init__(self, config: PayloadConfig, terrain: Dem, seed: int) -> None:
@@ -128,24 +122,7 @@ def record_payload(truth: Truth, mission: MissionConfig, folder: Path) -> None:
 
 
 def payload_log(config: PayloadConfig, field: PayloadField, truth: Truth, seed: int) -> PayloadLog:
-    """Return the readings of one sensor on a drive.
-
-    Parameters
-    ----------
-    config : PayloadConfig
-        Rate, lag and noise.
-    field : PayloadField
-        The quantity over the site.
-    truth : Truth
-        Real path of the drive.
-    seed : int
-        Seed of the rover's errors.
-
-    Returns
-    -------
-    PayloadLog
-        With times; the estimator finds the places.
-    """
+    """Return the readings of one sensor on a drive."""
     path = truth.trajectory
     time_s = np.arange(path.time_s[0], path.time_s[-1] + 1e-9, 1.0 / config.rate_hz)
     shown = _followed(config, field, truth, time_s)

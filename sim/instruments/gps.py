@@ -109,14 +109,8 @@ class _SlowErrors:
 class GpsReceiver:
     """GPS receiver of the rover.
 
-    Parameters
-    ----------
-    config : InstrumentsConfig
-        Profile, disturbances, base station.
-    antenna_height_m : float
-        Height above the body's origin [m].
-    seed : int
-        The mission's seed.
+    `config`: profile, disturbances, base station. `antenna_height_m`: height above the body's origin [m].
+    `seed`: the mission's seed.
     """
 
     def __init__(self, config: InstrumentsConfig, antenna_height_m: float, seed: int) -> None:
@@ -163,14 +157,8 @@ class GpsReceiver:
 class BaseReceiver:
     """Second GPS receiver, at rest at the start; it shares most of the rover's slow error.
 
-    Parameters
-    ----------
-    config : InstrumentsConfig
-        Profile and share of the error that is not common.
-    start : (3,) ndarray
-        Place of its antenna [m].
-    seed : int
-        The mission's seed.
+    `config`: profile and share of the error that is not common. `start` (3,): place of its antenna [m].
+    `seed`: the mission's seed.
     """
 
     def __init__(self, config: InstrumentsConfig, start: FloatArray, seed: int) -> None:
@@ -249,12 +237,7 @@ def _per_axis(drive: StatisticalDrive) -> FloatArray:
 class GpsFaults:
     """Faults of the rover's receiver: off, frozen, jumped or delayed fixes.
 
-    Parameters
-    ----------
-    faults : sequence of FaultConfig
-        All faults of the mission.
-    seed : int
-        The mission's seed, for the direction of jumps.
+    `faults`: all faults of the mission. `seed`: the mission's seed, for the direction of jumps.
     """
 
     def __init__(self, faults: Sequence[FaultConfig], seed: int) -> None:

@@ -177,22 +177,6 @@ def scans_along(motion: Trajectory, terrain: Dem, config: LidarConfig, seed: int
     """Return the scans along a real path; their returns are drawn minute by minute, when they are used.
 
     The middles of the turns are at multiples of one over the rate, as of a scanner that the odometry triggers.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        Real poses, close enough to be interpolated.
-    terrain : Dem
-        The real terrain.
-    config : LidarConfig
-        The scanner and its errors.
-    seed : int
-        Seed of the rover's errors.
-
-    Returns
-    -------
-    LidarScans
-        With times as the scanner's clock shows them.
     """
     begin, end = motion.time_s[[0, -1]].tolist()
     first, last = np.ceil(begin * config.rate_hz + 0.5), np.floor(end * config.rate_hz - 0.5)
@@ -237,12 +221,7 @@ class _Setup(NamedTuple):
 class DrawnMinutes:
     """Returns of minutes, drawn from random streams of their own when they are used.
 
-    Parameters
-    ----------
-    setup : _Setup
-        Path, terrain and scanner.
-    at_s : (S,) ndarray
-        Real times at which the turns begin [s].
+    `setup`: path, terrain and scanner. `at_s` (S,): real times at which the turns begin [s].
     """
 
     def __init__(self, setup: _Setup, at_s: FloatArray) -> None:

@@ -100,13 +100,8 @@ SENSORS = (
 class Instruments:
     """All instruments of `SENSORS`; they read stretches of motion and leave out the camera.
 
-    Parameters
-    ----------
-    setup : InstrumentSetup
-        Errors, places and seed: equal setups and motions give equal readings, however the
-        motion is cut into stretches.
-    faults : sequence of FaultConfig
-        Faults of the mission; those of instruments are applied to the readings.
+    `setup`: errors, places and seed: equal setups and motions give equal readings, however the motion is cut
+    into stretches. `faults`: faults of the mission; those of instruments are applied to the readings.
     """
 
     def __init__(self, setup: InstrumentSetup, faults: Sequence[FaultConfig] = ()) -> None:
@@ -133,12 +128,7 @@ class Instruments:
 class SensorFaults:
     """Faults of all sensors, and their silence while the rover is carried.
 
-    Parameters
-    ----------
-    faults : sequence of FaultConfig
-        Faults of the mission; those of other components are ignored.
-    seed : int
-        The mission's seed.
+    `faults`: faults of the mission; those of other components are ignored. `seed`: the mission's seed.
     """
 
     def __init__(self, faults: Sequence[FaultConfig], seed: int) -> None:

@@ -33,8 +33,6 @@ class Moments(NamedTuple):
 class Clock:
     """Reading times of an instrument with a fixed rate, a clock offset and lost readings.
 
-    Examples
-    --------
     >>> clock = Clock(InstrumentConfig(rate_hz=2.0, clock_offset_s=0.25), 1, "gps")
     >>> clock.due(1.0).shown_s.tolist(), clock.due(1.6).at_s.tolist()
     ([0.25, 0.75, 1.25], [1.5])
@@ -64,23 +62,8 @@ def gauss_markov(
 
     with autocovariance :math:`\sigma^2 e^{-|t|/\tau}`; the first value is drawn from N(0, σ²).
 
-    Parameters
-    ----------
-    steps : (N,) ndarray
-        Distances Δ between neighbouring samples, in time or travel.
-    correlation : float
-        Correlation length τ, in the same unit.
-    sigma : float
-        Standard deviation.
-    rng : numpy.random.Generator
-        Source of the noise.
-    n_columns : int
-        Number of independent series.
-
-    Returns
-    -------
-    (N + 1, n_columns) ndarray
-        The series.
+    `steps` (N,): distances Δ between neighbouring samples, in time or travel. Returns (N + 1, n_columns): the
+    series.
     """
     decay = np.exp(-steps / correlation)
     noise = rng.standard_normal((len(steps) + 1, n_columns)) * sigma
@@ -177,22 +160,10 @@ class RecordFaults(Protocol):
 class InstrumentSetup:
     """Everything that the instruments of one drive are built from.
 
-    Parameters
-    ----------
-    config : InstrumentsConfig
-        Rates, clocks and errors.
-    antenna_height_m : float
-        Height of the GPS antenna above the ground [m].
-    start : (3,) ndarray
-        Place of the base station's antenna [m].
-    stakes : (K, 3) ndarray
-        Real places of the stakes [m].
-    seed : int
-        Seed of the rover's errors.
-    site_seed : int
-        Seed of what is the same for all rovers on the site.
-    ice : MovingIce, optional
-        Motion of the ice.
+    `config`: rates, clocks and errors. `antenna_height_m`: height of the GPS antenna above the ground [m].
+    `start` (3,): place of the base station's antenna [m]. `stakes` (K, 3): real places of the stakes [m].
+    `seed`: seed of the rover's errors. `site_seed`: seed of what is the same for all rovers on the site.
+    `ice`: motion of the ice.
     """
 
     config: InstrumentsConfig
@@ -208,21 +179,10 @@ class InstrumentSetup:
 class StatisticalDrive:
     """A drive whose sensor records are drawn from error models.
 
-    Parameters
-    ----------
-    terrain : Dem
-        The real terrain.
-    route : Route
-        The route, which the rover follows exactly.
-    trajectory : Trajectory
-        Real poses, one a second.
-    attitude_rad : (N, 3) ndarray
-        Real roll, pitch and yaw [rad].
-    mission : MissionConfig
-        Errors of the sensors, and the seed.
-    ice : MovingIce, optional
-        Motion of the ice; the path is then that on the ice of the start of the drive, or the fixed one for sensors that
-        measure in fixed coordinates.
+    `terrain`: the real terrain. `route`: the route, which the rover follows exactly. `trajectory`: real
+    poses, one a second. `attitude_rad` (N, 3): real roll, pitch and yaw [rad]. `mission`: errors of the
+    sensors, and the seed. `ice`: motion of the ice; the path is then that on the ice of the start of the
+    drive, or the fixed one for sensors that measure in fixed coordinates.
     """
 
     terrain: Dem
@@ -237,20 +197,12 @@ class StatisticalDrive:
 class Sensor:
     """One sensor: everything that the simulator does with it.
 
-    Parameters
-    ----------
-    name : str
-        Name of its table in a recording, a field of `survey.data.sensors.SensorTables`.
-    instrument : callable, optional
-        Builds what reads the motion in the vision fidelity; gives None where the mission has no such sensor.
-    draw : callable, optional
-        Draws the table in the statistical fidelity; gives None where the mission has no such sensor.
-    faults : callable, optional
-        Builds the sensor's faults from all faults of a mission and its seed.
-    is_aboard : bool
-        Whether it is on the rover and therefore silent while the rover is carried.
-    is_fixed : bool
-        Whether it measures in fixed coordinates; others measure relative to the ice, which may move.
+    `name`: name of its table in a recording, a field of `survey.data.sensors.SensorTables`. `instrument`:
+    builds what reads the motion in the vision fidelity; gives None where the mission has no such sensor.
+    `draw`: draws the table in the statistical fidelity; gives None where the mission has no such sensor.
+    `faults`: builds the sensor's faults from all faults of a mission and its seed. `is_aboard`: whether it is
+    on the rover and therefore silent while the rover is carried. `is_fixed`: whether it measures in fixed
+    coordinates; others measure relative to the ice, which may move.
     """
 
     name: str

@@ -184,14 +184,7 @@ def surveyed_stakes(config: StakeConfig, foot: FloatArray, seed: int) -> Stakes 
 class StakeSpotter:
     """Detector of stakes, once a second within range.
 
-    Parameters
-    ----------
-    config : StakeConfig
-        Number and errors.
-    foot : (K, 3) ndarray
-        Real places of the stakes [m].
-    seed : int
-        The mission's seed.
+    `config`: number and errors. `foot` (K, 3): real places of the stakes [m]. `seed`: the mission's seed.
     """
 
     def __init__(self, config: StakeConfig, foot: FloatArray, seed: int) -> None:

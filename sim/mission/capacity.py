@@ -41,25 +41,7 @@ MOST_SAMPLE_CELLS = 20_000_000
 
 
 def require_mission(mission: MissionConfig) -> World:
-    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission.
-
-    Returns
-    -------
-    World
-        Terrain, prior and survey area.
-
-    Raises
-    ------
-    CapacityError
-        Names the setting and a value that would pass.
-    InputError
-        Starts that do not fit the fleet.
-    """
+    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world."""
     require_terrain(mission)
     world = build_world(mission)
     homes_of(world.area, Crew(mission.rover, mission.fleet))
@@ -68,18 +50,7 @@ def require_mission(mission: MissionConfig) -> World:
 
 
 def require_terrain(mission: MissionConfig) -> None:
-    """Refuse simulated terrain with more cells than can be drawn.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission; fine terrain from a raster is checked when the raster is opened.
-
-    Raises
-    ------
-    CapacityError
-        Names the smallest ``terrain.step_m`` that would pass.
-    """
+    """Refuse simulated terrain with more cells than can be drawn."""
     if isinstance(mission.terrain, RandomTerrain):
         require_terrain_cells(mission.terrain.size_m, mission.terrain.size_m, mission.terrain.step_m)
     elif isinstance(mission.terrain, SampleTerrain):
@@ -94,22 +65,8 @@ def require_terrain_cells(
 ) -> None:
     """Refuse a grid of terrain with more cells than allowed.
 
-    Parameters
-    ----------
-    width_m, height_m : float
-        Sides of the site [m].
-    step_m : float
-        Cell [m].
-    most : int
-        Number of cells allowed.
+    `width_m`, `height_m`: sides of the site [m]. `step_m`: cell [m].
 
-    Raises
-    ------
-    CapacityError
-        Names the smallest step that would pass.
-
-    Examples
-    --------
     >>> require_terrain_cells(600.0, 600.0, 1.0)
     >>> require_terrain_cells(600.0, 600.0, 0.001)
     Traceback (most recent call last):
@@ -127,17 +84,7 @@ def require_terrain_cells(
 def require_survey(mission: MissionConfig, bounds: Bounds) -> None:
     """Refuse prior, map, samples, landmarks, images or scoring grid beyond what can be computed.
 
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission.
-    bounds : (xmin, ymin, xmax, ymax)
-        Extent of the survey area [m].
-
-    Raises
-    ------
-    CapacityError
-        Names the setting and the largest or smallest value that would pass.
+    `bounds` (xmin, ymin, xmax, ymax): extent of the survey area [m].
     """
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     if not isinstance(mission.terrain, DemTerrain):

@@ -42,21 +42,7 @@ LANDMARKS, SCAN_POINTS = "surface_points.gpkg", "scan_points.gpkg"
 
 
 def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1) -> None:
-    """Drive a route of one rover over the real terrain and record what the rover senses.
-
-    Parameters
-    ----------
-    world : World
-        Real terrain, prior and area.
-    route : Route
-        Route of this rover alone.
-    mission : MissionConfig
-        Settings, with the seed and the faults of this rover.
-    folder : pathlib.Path
-        Existing folder of the drive.
-    workers : int
-        With two, the onboard computer of a drive with images has a process of its own.
-    """
+    """Drive a route of one rover over the real terrain and record what the rover senses."""
     if mission.fidelity == "vision":
         _drive_with_images(world, route, mission, folder, workers)
     else:

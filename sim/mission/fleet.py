@@ -71,21 +71,7 @@ def _numbered(leg: Leg, rover: int) -> Leg:
 def drive_fleet(
     world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int
 ) -> None:
-    """Drive the routes of all rovers and write each drive, the driven route of all, and what losses cost.
-
-    Parameters
-    ----------
-    world : World
-        Real terrain, prior and area.
-    route : Route
-        Planned route of all rovers.
-    mission : MissionConfig
-        Settings of the fleet.
-    folder : pathlib.Path
-        Folder of the stage.
-    workers : int
-        Processes in which rovers drive side by side; any number gives the same bytes.
-    """
+    """Drive the routes of all rovers and write each drive, the driven route of all, and what losses cost."""
     planned, mission = route, with_drawn_losses(route, mission)
     losses: list[Loss] = []
     left_m: list[float] = []
@@ -148,19 +134,7 @@ def _side_by_side(work: Callable[[int], None], rovers: Sequence[int], workers: i
 
 
 def drive_rover(mission: MissionConfig, route: survey.Route, folder: Path, rover: int) -> None:
-    """Drive one rover's part of a route into its folder, which replaces that of an earlier drive.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        Settings of the fleet.
-    route : Route
-        Route of all rovers.
-    folder : pathlib.Path
-        Folder of all drives.
-    rover : int
-        Counted from 0.
-    """
+    """Drive one rover's part of a route into its folder, which replaces that of an earlier drive."""
     place, alone, own = rover_folder(folder, rover), mission.of_rover(rover), route_of(route, rover)
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)

@@ -86,29 +86,8 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
     the variance 2 tr C² / M²; the probability of staying within the limit is that of the gamma
     distribution with these moments (Satterthwaite 1946).
 
-    Parameters
-    ----------
-    mission : MissionConfig
-        Pattern, sensors, aiding and what is assumed of them.
-    world : World
-        Only its area and prior are used; the prior covers the area.
-    limit_m : float
-        Largest RMSE [m].
+    `limit_m`: largest RMSE [m].
 
-    Returns
-    -------
-    PredictedSurvey
-        Expected error, probability and distance.
-
-    Raises
-    ------
-    InputError
-        A prior too coarse for a length scale; no landmark in sight.
-    ConfigError
-        A mission that has no landmarks to share errors.
-
-    Notes
-    -----
     The prediction is as good as the covariance fitted to the prior and the stated sensors. Relief
     finer than the prior's cells counts as 0.15 m, or as ``reconstruction.gp.nugget_m``.
     """
@@ -148,30 +127,7 @@ def surveys_within(
     On moving ice the limit is that of the map at its epoch, and each is tried with two lines that cross the swaths, too, and
     with every second swath driven first: ground that is seen at different times shows the motion.
 
-    Parameters
-    ----------
-    mission : MissionConfig
-        With the pattern lawnmower or wavy; its number of swaths is varied.
-    world : World
-        Only its area and prior are used.
-    limit_m : float
-        Largest RMSE [m].
-    probability : float
-        Of meeting it.
-    least_swaths, most_swaths : int
-        Range of the search.
-
-    Yields
-    ------
-    PredictedSurvey
-        At most one for each number of stakes, and on moving ice of crossing lines and for each order.
-
-    Raises
-    ------
-    InputError
-        A prior without a height on the area, or too coarse for a length scale.
-    ConfigError
-        A mission with another pattern.
+    `limit_m`: largest RMSE [m].
     """
     if type(mission.planner) not in _SIZED:
         names = " and ".join(planners.planner_of(kind(swaths=1)).name for kind in _SIZED)
@@ -261,24 +217,8 @@ def covariance_of_cells(
 ) -> GaussianProcessConfig:
     """Fit the likeliest covariance about a plane to the cells of a prior.
 
-    Parameters
-    ----------
-    prior : Dem
-        Coarse elevations.
-    bounds : (4,) sequence of float
-        The cells within are used [m].
-    sigma_m, nugget_m : float
-        Standard deviation of a cell, which is no relief, and of relief that the cells do not show [m].
-
-    Returns
-    -------
-    GaussianProcessConfig
-        With the kernel and the nugget; nothing of it is fitted again.
-
-    Raises
-    ------
-    InputError
-        Fewer than nine known cells.
+    `bounds` (4,): the cells within are used [m]. `sigma_m`, `nugget_m`: standard deviation of a cell, which
+    is no relief, and of relief that the cells do not show [m].
     """
     xy, height = prior.xy, prior.elevation.ravel()
     near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)

@@ -51,16 +51,8 @@ _CONFIDENCE = 0.95
 class RehearsalSummary(NamedTuple):
     """Result of a rehearsal.
 
-    Parameters
-    ----------
-    n_runs : int
-        Number of runs.
-    counts : dict of str to int
-        Number of runs with each outcome of `CAUSES`.
-    probability : float
-        Share of runs that met the class.
-    interval : tuple of float
-        Its 95 % interval (Clopper and Pearson 1934).
+    `n_runs`: number of runs. `counts`: number of runs with each outcome of `CAUSES`. `probability`: share of
+    runs that met the class. `interval`: its 95 % interval (Clopper and Pearson 1934).
     """
 
     n_runs: int
@@ -70,20 +62,7 @@ class RehearsalSummary(NamedTuple):
 
 
 def rehearsal_folder(mission: MissionConfig, runs: Path) -> Path:
-    """Return the folder that a rehearsal has, whether it has begun or not; nothing is written.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission.
-    runs : pathlib.Path
-        Folder of all runs.
-
-    Returns
-    -------
-    pathlib.Path
-        Beside the folder of the mission's run.
-    """
+    """Return the folder that a rehearsal has, whether it has begun or not; nothing is written."""
     place = planned_place(mission, runs)
     return place.with_name(f"rehearsal-{place.name}")
 
@@ -98,32 +77,7 @@ def rehearse(
     scheduler: str | None = None,
     watch: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Run a mission many times, and store what becomes of each run.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission; its ``rehearsal`` names the settings that are drawn.
-    runs : pathlib.Path
-        Folder of all runs.
-    n_runs : int
-        Number of runs; those that are stored are not done again.
-    engine, workers, scheduler
-        See `survey.core.executors.run_all`; outcomes are the same whatever they are. Workers of a scheduler on other
-        machines need the files that the mission names at the same places.
-    watch : callable, optional
-        Called with the numbers of runs that are done and wanted, after each run.
-
-    Returns
-    -------
-    pathlib.Path
-        Folder with one file for each run.
-
-    Raises
-    ------
-    InputError
-        The mission itself is refused, or other versions of the packages have begun the rehearsal.
-    """
+    """Run a mission many times, and store what becomes of each run."""
     folder = rehearsal_folder(mission, runs)
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / _FACTS).exists():
@@ -162,8 +116,6 @@ def outcomes(folder: Path, n_runs: int) -> list[dict[str, Any]]:
 def summarized(found: Sequence[dict[str, Any]]) -> RehearsalSummary:
     """Return the probability of the class, and the number of runs for each outcome.
 
-    Examples
-    --------
     >>> summary = summarized([{"cause": "met"}] * 9 + [{"cause": "lost"}])
     >>> summary.probability, summary.counts["lost"]
     (0.9, 1)
@@ -232,14 +184,8 @@ _MAP = ("level", "shape")
 class FaultEvent(NamedTuple):
     """Event of a fault tree with the events that it consists of; each run counts in one of these.
 
-    Parameters
-    ----------
-    name : str
-        What happened.
-    n_runs : int
-        Number of runs in which it did.
-    parts : tuple of FaultEvent
-        Events that it consists of, the most frequent first.
+    `name`: what happened. `n_runs`: number of runs in which it did. `parts`: events that it consists of, the
+    most frequent first.
     """
 
     name: str
@@ -250,19 +196,6 @@ class FaultEvent(NamedTuple):
 def fault_tree(found: Sequence[dict[str, Any]]) -> FaultEvent:
     """Return the tree of the runs that missed the class.
 
-    Parameters
-    ----------
-    found : sequence of dict
-        Outcomes, as `sim.mission.rehearsal.outcomes` returns them.
-
-    Returns
-    -------
-    FaultEvent
-        The top event. Below it stand refused missions, lost rovers, and errors of the map in level or shape; below
-        these the faults and losses of the runs, together where a run had several.
-
-    Examples
-    --------
     >>> lost = {"cause": "lost", "events": ["stalled", "tracks: stopped"]}
     >>> tree = fault_tree([{"cause": "met", "events": []}, lost, {"cause": "level", "events": []}])
     >>> tree.n_runs, [part.name for part in tree.parts]
@@ -310,20 +243,7 @@ class _Box(NamedTuple):
 
 @styled
 def fault_tree_plot(summary: RehearsalSummary, tree: FaultEvent) -> Figure:
-    """Draw the fault tree: from the missed class to the right, how the runs failed, and their faults.
-
-    Parameters
-    ----------
-    summary : RehearsalSummary
-        For the title.
-    tree : FaultEvent
-        Tree of the runs that missed the class.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One box for each event, with its number of runs.
-    """
+    """Draw the fault tree: from the missed class to the right, how the runs failed, and their faults."""
     boxes = list(_placed_boxes(tree, 0, 0.0, None))
     n_rows = max(_n_leaves(tree), 1)
     figure = Figure(figsize=(FULL_IN, 0.7 + _ROW_IN * n_rows), layout="constrained")

@@ -168,17 +168,7 @@ def _provenance(run: RunFolder) -> dict[str, str]:
 
 
 def write_run_project(file: Path, run: RunFolder, reconstruction: survey.Reconstruction) -> None:
-    """Write the project of a run; it refers to the files of its stages by relative paths.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The project, in the folder of a stage.
-    run : RunFolder
-        All stages but the report are done.
-    reconstruction : survey.Reconstruction
-        The map of the run.
-    """
+    """Write the project of a run; it refers to the files of its stages by relative paths."""
     plan, simulated = run.folder("plan"), run.folder("simulate")
     area = survey.SurveyArea.read(plan / "area.gpkg")
     groups = (

@@ -109,27 +109,7 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
 
 
 def planned_place(mission: MissionConfig, runs: Path) -> Path:
-    """Return the folder in which a mission runs, after checking its input; write nothing.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission.
-    runs : pathlib.Path
-        The folder of all runs.
-
-    Returns
-    -------
-    pathlib.Path
-        Its name follows from the configuration and from every input file.
-
-    Raises
-    ------
-    InputError
-        An input file is missing, or the folder cannot be written to.
-    CapacityError
-        The mission would not fit into memory.
-    """
+    """Return the folder in which a mission runs, after checking its input; write nothing."""
     return _checked_place(mission, runs, input_checksums(mission.input_files))
 
 
@@ -143,18 +123,7 @@ def _checked_place(mission: MissionConfig, runs: Path, inputs: dict[str, str]) -
 
 
 def input_checksums(files: dict[str, Path]) -> dict[str, str]:
-    """Return the SHA-256 of input files and of the companions that decide what is read from them.
-
-    Parameters
-    ----------
-    files : dict of str to pathlib.Path
-        Input files by name.
-
-    Returns
-    -------
-    dict
-        SHA-256 by name; a companion's name is that of its file and its place relative to it.
-    """
+    """Return the SHA-256 of input files and of the companions that decide what is read from them."""
     found = {}
     for name, path in files.items():
         file = existing_file(path, f"the file of {name},")
@@ -166,18 +135,7 @@ def input_checksums(files: dict[str, Path]) -> dict[str, str]:
 
 
 def resolved_text(mission: MissionConfig) -> str:
-    """Return the mission with every default written out.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission.
-
-    Returns
-    -------
-    str
-        TOML.
-    """
+    """Return the mission with every default written out."""
     return tomlkit.dumps(mission.model_dump(mode="json", exclude_none=True))
 
 
@@ -200,14 +158,7 @@ _COMPUTING = (
 
 
 def current_versions() -> dict[str, str]:
-    """Return the versions of Python and of the installed packages that compute results.
-
-    Returns
-    -------
-    dict
-        Version by package. Of Python the patch number is left out; packages that only draw, store
-        or read settings are not listed, so that their updates disturb no run.
-    """
+    """Return the versions of Python and of the installed packages that compute results."""
     found = {"python": ".".join(platform.python_version_tuple()[:2])}
     for name in _COMPUTING:
         try:
@@ -218,22 +169,7 @@ def current_versions() -> dict[str, str]:
 
 
 def refuse_other_versions(before: Mapping[str, Any], where: str, remedy: str) -> None:
-    """Refuse to continue results that other versions have begun.
-
-    Parameters
-    ----------
-    before : mapping of str to Any
-        Versions of `current_versions` when the results were begun.
-    where : str
-        The results, for the message.
-    remedy : str
-        What to do instead, for the message.
-
-    Raises
-    ------
-    InputError
-        Names the packages that differ, both versions and the remedy.
-    """
+    """Refuse to continue results that other versions have begun."""
     now = current_versions()
     changes = [
         f"{name} {before.get(name) or 'not installed'} (now {now.get(name) or 'not installed'})"
@@ -326,20 +262,6 @@ class _FileSchema(GenerateJsonSchema):
 def json_schema(model: type[BaseModel], title: str) -> dict[str, Any]:
     """Return the JSON Schema of a configuration: keys with type, limits, default and meaning.
 
-    Parameters
-    ----------
-    model : type of pydantic.BaseModel
-        Configuration, such as `MissionConfig`.
-    title : str
-        Title of the schema.
-
-    Returns
-    -------
-    dict
-        JSON Schema, draft 2020-12. Checks across several keys are not in it.
-
-    Examples
-    --------
     >>> from sim.config.mission import ScoreConfig
     >>> json_schema(ScoreConfig, "score")["properties"]["require"]["enum"]
     ['class-1', 'class-2', 'class-3']

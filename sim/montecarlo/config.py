@@ -211,13 +211,7 @@ class StudyConfig(PlacedSection):
         }
 
     def check(self) -> None:
-        """Refuse what no section can see alone.
-
-        Raises
-        ------
-        ConfigError
-            Names that occur twice, a planner that is not known, maps that do not fit the fidelity.
-        """
+        """Refuse what no section can see alone."""
         names = {"terrains": [t.name for t in self.terrains], "maps": [m.name for m in self.maps]}
         for what, given in names.items():
             if len(set(given)) < len(given):
@@ -257,15 +251,7 @@ class StudyConfig(PlacedSection):
 
 
 def read_study(path: Path, overrides: Sequence[str] = ()) -> StudyConfig:
-    """Read a study file, put ``section.key=value`` overrides in, and check all of it.
-
-    Raises
-    ------
-    InputError
-        The file is missing.
-    ConfigError
-        It is no TOML, or a setting is unknown or wrong.
-    """
+    """Read a study file, put ``section.key=value`` overrides in, and check all of it."""
     values = with_overrides(read_toml(path), overrides)
     refuse_newer_schema(values, SCHEMA_VERSION, str(path))
     study = validated(StudyConfig, values, str(path))

@@ -53,11 +53,6 @@ def write_tables(draft: Path, folder: Path, blocks: Sequence[TrialBlock]) -> Non
     """Join the blocks of a study's folder, in its order, into ``trials.parquet`` and ``trials.csv`` of a draft folder.
 
     One block is in memory at a time.
-
-    Raises
-    ------
-    InputError
-        A block is damaged or holds other trials, or the disk is full.
     """
     _write(draft / "trials.parquet", _tables(folder, blocks))
     with pa_csv.CSVWriter(draft / "trials.csv", SCHEMA) as text:
@@ -66,23 +61,7 @@ def write_tables(draft: Path, folder: Path, blocks: Sequence[TrialBlock]) -> Non
 
 
 def read_trials(path: Path) -> pa.Table:
-    """Read a table of trials and check the checksum of its values.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A block or ``trials.parquet``.
-
-    Returns
-    -------
-    pyarrow.Table
-        One row for each trial, with the columns of `Trial`.
-
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, or carries no checksum.
-    """
+    """Read a table of trials and check the checksum of its values."""
     file = existing_file(path, "the table of trials")
     try:
         with pq.ParquetFile(file) as stored:
@@ -262,14 +241,8 @@ def error_curves(
 ) -> Figure:
     """Draw mean error against swaths and against distance, one row of panels for each terrain.
 
-    Parameters
-    ----------
-    families : dict of str to sequence of rows
-        Rows of the summary, by the panel's title.
-    limit_m : float
-        Limit that is drawn strongest [m].
-    top_m : float
-        Upper end of the axis of errors [m]; curves above are cut.
+    `limit_m`: limit that is drawn strongest [m]. `top_m`: upper end of the axis of errors [m]; curves above
+    are cut.
     """
     figure = Figure(figsize=(FULL_IN, 0.6 + 2.7 * len(families)), layout="constrained")
     panels = figure.subplots(len(families), 2, squeeze=False)

@@ -59,36 +59,7 @@ def run_study(
     fresh: bool = False,
     watch: TrialProgress = lambda *_: None,
 ) -> Path:
-    """Run every trial that is not done yet, then write the tables, the summary and the page.
-
-    Parameters
-    ----------
-    study : StudyConfig
-        Terrains, planners, maps and the number of trials.
-    folder : Path
-        Its folder; one that holds a part of the same study is continued.
-    engine, workers, scheduler
-        See `survey.core.executors.run_all`; the tables are the same bytes whatever they are.
-    fresh : bool
-        Do every trial again; the old tables stay until the new ones replace them.
-    watch : callable
-        Progress callback: trials done and all trials.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    ConfigError
-        The folder holds another study; the message names what differs.
-    InputError
-        The disk is full, a stored block is damaged, no scheduler answers, another run is at it, or other
-        versions of the computing packages have done a part of the trials.
-    CapacityError
-        The study would not fit; names the setting and a value that would pass.
-    """
+    """Run every trial that is not done yet, then write the tables, the summary and the page."""
     require_study(study)
     with _opened(study, folder, fresh=fresh):
         blocks = blocks_of(study)
@@ -203,18 +174,7 @@ MOST_NODES = 1_000_000
 
 
 def require_study(study: StudyConfig) -> None:
-    """Refuse a study whose table, terrains or maps would not fit.
-
-    Parameters
-    ----------
-    study : StudyConfig
-        The study.
-
-    Raises
-    ------
-    CapacityError
-        Names the setting and a value that would pass.
-    """
+    """Refuse a study whose table, terrains or maps would not fit."""
     per_trial = len(study.terrains) * len(study.designs) * len(study.maps)
     if study.trials * per_trial > MOST_ROWS:
         raise CapacityError(

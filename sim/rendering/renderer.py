@@ -349,12 +349,8 @@ _BLUR_SAMPLES = 5
 class RoverBox:
     """Box, fixed to the rover, that casts a shadow on the ground.
 
-    Parameters
-    ----------
-    size_m : (3,) tuple of float
-        Length, width and height [m].
-    T_world_box : (4, 4) array_like
-        Takes coordinates about the box's middle to the world's.
+    `size_m` (3,): length, width and height [m]. `T_world_box` (4, 4): takes coordinates about the box's
+    middle to the world's.
     """
 
     size_m: tuple[float, float, float]
@@ -368,31 +364,15 @@ class Renderer:
     on the bilinear surface makes it exact, and rays beside an edge walk the surface cell by
     cell. The same arguments give the same bytes, whatever the number of threads.
 
-    Parameters
-    ----------
-    terrain : FineTerrain
-        Ground and what it is made of.
-    appearance : AppearanceConfig
-        Sun, air, surface.
-    camera : survey.Camera
-        Any lens; the world within 143° to the sides of the viewing direction is fast, the
-        rest correct but slow.
-    seed : int
-        Of texture, mountains and noise.
-    imaging : ImagingConfig
-        Exposure and sensor; its lens and mounting are not used (they are the camera's).
-    wind_from_deg : float
-        Wind that shaped the finest sastrugi, clockwise from north [deg].
-    noise_seed : int, optional
-        Of the noise, where it has a seed of its own.
+    `terrain`: ground and what it is made of. `appearance`: sun, air, surface. `camera`: any lens; the world
+    within 143° to the sides of the viewing direction is fast, the rest correct but slow. `seed`: of texture,
+    mountains and noise. `imaging`: exposure and sensor; its lens and mounting are not used (they are the
+    camera's). `wind_from_deg`: wind that shaped the finest sastrugi, clockwise from north [deg].
+    `noise_seed`: of the noise, where it has a seed of its own.
 
-    Notes
-    -----
     The images are grey. Snow is matt (no forward scattering), mountains have the one
     distance of the backdrop, and edges against the sky are smoothed by the lens's blur alone.
 
-    Examples
-    --------
     >>> from sim.simulate.assembly import rover_camera
     >>> from sim.world.fine_terrain import fine_terrain
     >>> from sim.config.world import SceneryConfig
@@ -444,25 +424,10 @@ class Renderer:
     ) -> Image:
         """Return the image (H, W) of one frame.
 
-        Parameters
-        ----------
-        T_world_camera : (4, 4) array_like
-            Pose at the first row: takes camera coordinates to easting, northing, elevation.
-        time_s : float
-            Time of the frame; the still world does not depend on it [s].
-        frame_index : int
-            Number of the frame: it alone chooses the sensor's noise.
-        T_world_camera_last_row : (4, 4) array_like, optional
-            Pose at the last row, for a rolling shutter.
-        T_world_camera_exposed : (4, 4) array_like, optional
-            Pose of the first row at the end of its exposure, for motion blur.
-        rover_box : RoverBox, optional
-            What throws the rover's shadow.
-
-        Raises
-        ------
-        InputError
-            The camera is below ground or outside the terrain, or a pose is none.
+        `T_world_camera` (4, 4): pose at the first row: takes camera coordinates to easting, northing,
+        elevation. `time_s`: time of the frame; the still world does not depend on it [s].
+        `T_world_camera_last_row` (4, 4): pose at the last row, for a rolling shutter.
+        `T_world_camera_exposed` (4, 4): pose of the first row at the end of its exposure, for motion blur.
         """
         del time_s
         radiance, depth = self.trace(T_world_camera, T_world_camera_last_row, rover_box, shaded=True)

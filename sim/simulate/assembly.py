@@ -37,8 +37,6 @@ class PoseAt(Protocol):
 def rover_camera(config: ImagingConfig) -> Camera:
     """Return the camera that a configuration describes.
 
-    Examples
-    --------
     >>> camera = rover_camera(ImagingConfig(pitch_down_deg=0.0))
     >>> camera.T_body_camera[:3, 2].round(6).tolist()  # the optical axis looks ahead
     [1.0, 0.0, 0.0]
@@ -67,14 +65,8 @@ def rover_camera(config: ImagingConfig) -> Camera:
 class RoverCamera:
     """Takes frames along a motion, with rolling shutter and motion blur if the camera has them.
 
-    Parameters
-    ----------
-    renderer : Renderer
-        The scene, seen by the rover's camera.
-    exposure_s : float
-        Time that a row is exposed; 0 for no motion blur [s].
-    box : callable, optional
-        Gives, for a pose of the body, the box that throws the rover's shadow.
+    `renderer`: the scene, seen by the rover's camera. `exposure_s`: time that a row is exposed; 0 for no
+    motion blur [s]. `box`: gives, for a pose of the body, the box that throws the rover's shadow.
     """
 
     def __init__(
@@ -156,15 +148,9 @@ _NOISE_LEVELS = 1.3
 class Faults:
     """Faults of one drive, except those of sensor records.
 
-    Parameters
-    ----------
-    faults : sequence of FaultConfig
-        In the order in which they are applied.
-    seed : int
-        The mission's seed, for the place of drops and the direction of a kidnapping.
+    `faults`: in the order in which they are applied. `seed`: the mission's seed, for the place of drops and
+    the direction of a kidnapping.
 
-    Examples
-    --------
     >>> white = Faults([FaultConfig(component="camera", failure="whiteout", until_s=2.0)], seed=1)
     >>> image = np.zeros((4, 6), np.uint8)
     >>> bool(white.image(1.0, 4, image).min() > 200), bool(white.image(2.0, 8, image).max() == 0)

@@ -84,13 +84,7 @@ class DriveErrors:
 
 
 def errors_of(run: RunFolder) -> DriveErrors:
-    """Compare the visual odometry of a run with its truth.
-
-    Raises
-    ------
-    InputError
-        The run has no drive in images.
-    """
+    """Compare the visual odometry of a run with its truth."""
     place = run.folder("simulate")
     if not (place / "recording" / ONBOARD).is_dir():
         raise InputError(f"{run.path} holds no drive in images; run a mission of fidelity vision first.")
@@ -158,20 +152,8 @@ def _landmark_errors(found: VisualOdometry, real: Truth) -> tuple[FloatArray, Fl
 def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> SensorConfig:
     """Fit the sensor errors of the statistical fidelity to drives; receivers keep their defaults.
 
-    Parameters
-    ----------
-    drives : sequence of DriveErrors
-        Drives that no score is taken from.
-    correlation_m : float
-        Travel over which attitude errors stay correlated, as the model states it [m].
+    `correlation_m`: travel over which attitude errors stay correlated, as the model states it [m].
 
-    Raises
-    ------
-    InputError
-        No drive is longer than twice the distance over which errors are compared.
-
-    Notes
-    -----
     The random walk of the heading needs drives of more than 600 m; without one all of its change
     is taken for correlated error. Not modelled: scale errors that vary from metre to metre, and
     errors in turns.

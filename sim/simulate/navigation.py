@@ -58,8 +58,6 @@ _AVERAGED_S = 2.0
 class SensedTilt:
     """Roll and pitch by the accelerometer, averaged over the last seconds; its bias stays in them.
 
-    Examples
-    --------
     >>> tilt = SensedTilt()
     >>> tilt.roll_and_pitch()  # nothing was sensed yet
     (0.0, 0.0)
@@ -88,10 +86,7 @@ class SensedTilt:
 class SteeredPath:
     """Grows the path of a pursuit where it ends near, by what the rover senses.
 
-    Parameters
-    ----------
-    steering : WaypointSteering
-        Chooses the waypoints.
+    `steering`: chooses the waypoints.
     """
 
     def __init__(self, steering: WaypointSteering) -> None:

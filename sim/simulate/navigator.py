@@ -54,16 +54,9 @@ class TimedPose(NamedTuple):
 class OnboardComputer:
     """Estimates the pose from camera, wheels, gyro and GPS fixes by a particle filter.
 
-    Parameters
-    ----------
-    start : Start
-        Calibration, and surveyed pose at the start.
-    config : LocalizationConfig
-        Assumed errors of odometry and receiver.
-    antenna_height_m : float
-        Height of the GPS antenna above the ground [m].
-    seed : int
-        The mission's seed, for the particles.
+    `start`: calibration, and surveyed pose at the start. `config`: assumed errors of odometry and receiver.
+    `antenna_height_m`: height of the GPS antenna above the ground [m]. `seed`: the mission's seed, for the
+    particles.
     """
 
     def __init__(self, start: Start, config: LocalizationConfig, antenna_height_m: float, seed: int) -> None:
@@ -161,12 +154,7 @@ class VisualNavigator:
     The pose received is always that of `LATE_FRAMES` frames ago, however long it took: the
     drive is the same wherever the computer runs.
 
-    Parameters
-    ----------
-    start : Start
-        Calibration and start pose.
-    computer : ComputerConnection
-        The onboard computer.
+    `start`: calibration and start pose. `computer`: the onboard computer.
     """
 
     def __init__(self, start: Start, computer: ComputerConnection) -> None:
@@ -266,13 +254,7 @@ class InProcess:
 
 
 class Subprocess:
-    """Connection to an onboard computer in a new process, through a queue that holds a few images.
-
-    Raises
-    ------
-    InputError
-        From any method: an error of the computer, or the end of its process.
-    """
+    """Connection to an onboard computer in a new process, through a queue that holds a few images."""
 
     def __init__(self, make: Make) -> None:
         context = multiprocessing.get_context("spawn")

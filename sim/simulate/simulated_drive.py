@@ -53,26 +53,11 @@ class Ending(Enum):
 class SimulatedDrive:
     """Result of a drive.
 
-    Parameters
-    ----------
-    recording : Recording
-        Sensor records; frames are in the drive's folder.
-    truth : Truth
-        Terrain and real path, 20 poses a second.
-    ending : Ending
-        How it ended.
-    progress_m : float
-        Progress along the route [m].
-    energy_j : float
-        Energy drawn from the battery [J].
-    route_m : float
-        Length of the route [m].
-    hazards : tuple of Hazard
-        Crevasses, channels, pools and cones of the ground.
-    visual_odometry : VisualOdometry, optional
-        Result of the onboard computer.
-    estimates : (N, 4) ndarray, optional
-        Poses that were steered by, at every frame: time [s], easting and northing [m], heading [rad].
+    `recording`: sensor records; frames are in the drive's folder. `truth`: terrain and real path, 20 poses a
+    second. `ending`: how it ended. `progress_m`: progress along the route [m]. `energy_j`: energy drawn from
+    the battery [J]. `route_m`: length of the route [m]. `hazards`: crevasses, channels, pools and cones of
+    the ground. `visual_odometry`: result of the onboard computer. `estimates` (N, 4): poses that were steered
+    by, at every frame: time [s], easting and northing [m], heading [rad].
     """
 
     recording: Recording
@@ -132,14 +117,8 @@ _STALLED_S, _STALLED_M = 20.0, 0.5
 class DriveMonitor:
     """Finds out whether and how a drive has ended.
 
-    Parameters
-    ----------
-    ground : FineTerrain
-        The ground, with its bounds.
-    pursuit : PurePursuit
-        Follower of the route.
-    mission : MissionConfig
-        Speed and battery of the rover.
+    `ground`: the ground, with its bounds. `pursuit`: follower of the route. `mission`: speed and battery of
+    the rover.
     """
 
     def __init__(self, ground: FineTerrain, pursuit: PurePursuit, mission: MissionConfig) -> None:
@@ -198,11 +177,6 @@ def write_preview(frames: Frames, path: Path) -> None:
     """Write a video (MPEG-4, .mp4) of frames at half size, four times as fast as they were taken.
 
     Of a long drive every so many frames are shown, 150 in all.
-
-    Raises
-    ------
-    InputError
-        The video cannot be written.
     """
     first = _small(frames[0], _WIDEST_PX)
     height, width = first.shape[:2]

@@ -235,13 +235,7 @@ def _drive(terrain: Dem, route: Route, mission: MissionConfig, ice: MovingIce | 
 
 
 def with_way_home(route: Route, area: SurveyArea) -> Route:
-    """Append the shortest path on free ground from the end of a route back to its start.
-
-    Raises
-    ------
-    InputError
-        No path joins them, or the route is that of several rovers.
-    """
+    """Append the shortest path on free ground from the end of a route back to its start."""
     if route.n_rovers > 1:
         raise InputError("aids.way_home is for one rover; leave it out, or set fleet.rovers = 1.")
     start, end = route.legs[0].xy[0], route.legs[-1].xy[-1]
@@ -272,20 +266,7 @@ def simulate_ideal(terrain: Dem, route: Route, mission: MissionConfig) -> tuple[
 
 
 def sensed_attitude(sense: AttitudeSensor, mission: MissionConfig) -> AttitudeSensor:
-    """Return the attitude that the rover of a mission senses while it drives; see `sensed_attitudes`.
-
-    Parameters
-    ----------
-    sense : callable
-        Attitude at rest on the real terrain.
-    mission : MissionConfig
-        Its sections ``sensors`` and ``rover``, and its seed.
-
-    Returns
-    -------
-    callable
-        An `AttitudeSensor` of one rover, to be called step by step along its way.
-    """
+    """Return the attitude that the rover of a mission senses while it drives; see `sensed_attitudes`."""
     rng = stream(mission.seed, "steering", "sensed")
     return sensed_attitudes(sense, mission.sensors, mission.rover.speed_m_s, [rng])
 
@@ -299,24 +280,8 @@ def sensed_attitudes(
     over ``attitude_correlation_m`` of travel, with a constant part. A rover takes itself to be at the places that it is
     called with and is beside them by the slow error of its receiver.
 
-    Parameters
-    ----------
-    sense : callable
-        Attitude at rest on the real terrain, of N rovers.
-    sensors : SensorConfig
-        Standard deviations and correlations of the errors.
-    speed_m_s : float
-        Speed of the rovers, by which the receiver's correlation time becomes a length [m/s].
-    rngs : sequence of numpy.random.Generator
-        One per rover; the errors of a rover depend on its own alone.
+    `speed_m_s`: speed of the rovers, by which the receiver's correlation time becomes a length [m/s].
 
-    Returns
-    -------
-    callable
-        An `AttitudeSensor` of N rovers, to be called step by step along their ways.
-
-    Notes
-    -----
     The few metres between real and estimated place change the ground that is sensed, not the route that is driven.
     """
     correlation_m = sensors.gps_correlation_time_s * speed_m_s

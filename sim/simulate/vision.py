@@ -56,39 +56,7 @@ def simulate_vision(
     steers: bool = True,
     steering: WaypointSteering | None = None,
 ) -> SimulatedDrive:
-    """Simulate a drive in the vision fidelity: physics, instruments and rendered images.
-
-    Parameters
-    ----------
-    terrain : Dem
-        The site; fine relief and hazards of ``mission.scenery`` are added to it.
-    route : Route
-        The route of one rover.
-    mission : MissionConfig
-        Rover, physics, instruments, scenery, faults and seed.
-    folder : pathlib.Path
-        Folder of the recording; images are written to it during the drive.
-    navigate : callable, optional
-        Builds a navigator from the start. Without one the rover steers by its real pose.
-    steers : bool
-        Whether the rover steers by the navigator's estimates. If not, the navigator runs
-        beside, and the rover steers by its real pose.
-    steering : WaypointSteering, optional
-        Chooses the path while the rover drives, from the roll and pitch that it senses; the route is then the
-        reference, along which stakes stand.
-
-    Returns
-    -------
-    SimulatedDrive
-        Recording, truth and ending; images are in `folder`.
-
-    Raises
-    ------
-    InputError
-        The route leaves the terrain, or the folder exists and is not empty.
-    ConfigError
-        The rates of physics and instruments do not go together, or no physics engine is installed.
-    """
+    """Simulate a drive in the vision fidelity: physics, instruments and rendered images."""
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"the recording folder {folder} exists and is not empty; choose another one.")
     ground = fine_terrain(terrain, mission.scenery, mission.site_seed)

@@ -180,18 +180,9 @@ class KinematicRover(Tracks):
 class RoverMotion:
     """States of the rover at equal time steps, interpolated in between.
 
-    Parameters
-    ----------
-    time_s : (N,) ndarray
-        Times [s].
-    position : (N, 3) ndarray
-        Position of the body's origin in the world [m].
-    quaternion : (N, 4) ndarray
-        Rotation from the body to the world (x, y, z, w).
-    velocity, rate : (N, 3) ndarray
-        Velocity and rate of turn in the world [m/s, rad/s].
-    rolled_m : (N, 2) ndarray
-        Distance rolled by the left and the right track [m].
+    `time_s` (N,): times [s]. `position` (N, 3): position of the body's origin in the world [m]. `quaternion`
+    (N, 4): rotation from the body to the world (x, y, z, w). `velocity`, `rate` (N, 3): velocity and rate of
+    turn in the world [m/s, rad/s]. `rolled_m` (N, 2): distance rolled by the left and the right track [m].
     """
 
     time_s: FloatArray
@@ -257,28 +248,8 @@ def exact_drive(
 ) -> tuple[Trajectory, FloatArray]:
     """Return the real poses of a rover that follows a route exactly, and their attitudes.
 
-    Parameters
-    ----------
-    terrain : Dem
-        The real terrain.
-    route : Route
-        The route of one rover.
-    speed_m_s : float
-        Speed along the route [m/s].
-    interval_s : float
-        Time between poses [s].
-
-    Returns
-    -------
-    trajectory : Trajectory
-        Real poses.
-    attitude_rad : (N, 3) ndarray
-        Roll, pitch and yaw [rad].
-
-    Raises
-    ------
-    InputError
-        The route leaves the known terrain.
+    `speed_m_s`: speed along the route [m/s]. `interval_s`: time between poses [s]. Returns `attitude_rad` (N,
+    3): roll, pitch and yaw [rad].
     """
     samples = route.sample(speed_m_s * interval_s)
     time_s = samples.distance_m / speed_m_s
@@ -290,28 +261,8 @@ def poses_at_rest(
 ) -> tuple[Trajectory, FloatArray]:
     """Return the poses of a rover at rest on the terrain, and their attitudes.
 
-    Parameters
-    ----------
-    terrain : Dem
-        The real terrain.
-    xy : (N, 2) ndarray
-        Places [m].
-    heading_rad : (N,) ndarray
-        Headings [rad].
-    time_s : (N,) ndarray
-        Times, increasing [s].
-
-    Returns
-    -------
-    trajectory : Trajectory
-        Poses.
-    attitude_rad : (N, 3) ndarray
-        Roll, pitch and yaw [rad].
-
-    Raises
-    ------
-    InputError
-        A place off the known terrain.
+    `xy` (N, 2): places [m]. `heading_rad` (N,): headings [rad]. `time_s` (N,): times, increasing [s]. Returns
+    `attitude_rad` (N, 3): roll, pitch and yaw [rad].
     """
     height = terrain.at(xy)
     if np.isnan(height).any():

@@ -23,19 +23,10 @@ class PurePursuit:
     skid and turn the rover less than their difference implies. Towards a point behind the
     rover turns on the spot.
 
-    Parameters
-    ----------
-    path : (N, 2) array_like
-        Waypoints [m].
-    speed_m_s : float
-        On straight stretches [m/s].
-    config : PhysicsConfig
-        Look-ahead, tracks, fastest turn.
-    is_complete : bool
-        Whether the route ends there; if not, `extend` appends to it, and it is not done before `complete`.
+    `path` (N, 2): waypoints [m]. `speed_m_s`: on straight stretches [m/s]. `config`: look-ahead, tracks,
+    fastest turn. `is_complete`: whether the route ends there; if not, `extend` appends to it, and it is not
+    done before `complete`.
 
-    Examples
-    --------
     >>> pursuit = PurePursuit(np.array([[0.0, 0.0], [10.0, 0.0]]), 1.0, PhysicsConfig())
     >>> left, right = pursuit.track_speeds(np.array([1.0, 0.2]), 0.0)
     >>> bool(left > right)  # it is left of the route and turns right
@@ -119,13 +110,8 @@ class BackingOff:
     rover is stuck when its estimated position moves less than 0.1 m in 3 s. After three tries
     at one place there is no further one.
 
-    Parameters
-    ----------
-    speed_m_s : float
-        On straight stretches [m/s]; it backs off more slowly.
+    `speed_m_s`: on straight stretches [m/s]; it backs off more slowly.
 
-    Examples
-    --------
     >>> backing = BackingOff(1.0)
     >>> asked = [backing.track_speeds(0.1 * k, np.zeros(2), (0.0, 0.6)) for k in range(40)]
     >>> asked[0], asked[-1]  # a turn to the left is commanded: the left track is the faster one in reverse

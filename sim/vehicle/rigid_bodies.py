@@ -101,8 +101,6 @@ def motor_torque_n_m(config: PhysicsConfig, rover: Rover) -> float:
 def added(values: Iterable[float]) -> float:
     """Return the sum in the order of the values, with the same bytes in every Python (`sum` compensates since 3.12).
 
-    Examples
-    --------
     >>> added([1.0, 1e100, -1e100])
     0.0
     """
@@ -116,13 +114,7 @@ _MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
 
 
 def chosen_engine(name: str) -> str:
-    """Return the rigid-body engine that a mission asks for; ``contact`` means the first one installed.
-
-    Raises
-    ------
-    ConfigError
-        The engine is not installed, or none is.
-    """
+    """Return the rigid-body engine that a mission asks for; ``contact`` means the first one installed."""
     wanted = list(_MODULES) if name == "contact" else [name]
     for engine in wanted:
         if find_spec(_MODULES[engine]) is not None:
@@ -136,13 +128,7 @@ def chosen_engine(name: str) -> str:
 
 
 def rigid_bodies(bodies: RoverBodies, patch: GroundPatch) -> RigidBodies:
-    """Return the rover and its ground in the engine of the configuration.
-
-    Raises
-    ------
-    ConfigError
-        The engine is not installed.
-    """
+    """Return the rover and its ground in the engine of the configuration."""
     if chosen_engine(bodies.config.engine) == "bullet":
         return BulletBodies(bodies, patch)
 
@@ -186,17 +172,7 @@ class BulletClient:
 class BulletBodies:
     """Rover and ground in Bullet.
 
-    Parameters
-    ----------
-    bodies : RoverBodies
-        Tracks, mass, pose at the start.
-    patch : GroundPatch
-        Ground around the start.
-
-    Raises
-    ------
-    ConfigError
-        Bullet is not installed.
+    `bodies`: tracks, mass, pose at the start. `patch`: ground around the start.
     """
 
     def __init__(self, bodies: RoverBodies, patch: GroundPatch) -> None:
@@ -362,17 +338,7 @@ class MujocoBodies:
     A motor is a controller of speed with a proportional and an integral part and a bounded
     torque. The friction cone is an ellipse with axes along and across the tracks.
 
-    Parameters
-    ----------
-    bodies : RoverBodies
-        Tracks, mass, pose at the start.
-    patch : GroundPatch
-        Ground around the start.
-
-    Raises
-    ------
-    ConfigError
-        MuJoCo is not installed.
+    `bodies`: tracks, mass, pose at the start. `patch`: ground around the start.
     """
 
     def __init__(self, bodies: RoverBodies, patch: GroundPatch) -> None:

@@ -33,26 +33,10 @@ _SETTLED_S = 2.0
 class ContactRover(Tracks):
     """Rover of rigid bodies whose tracks push against the ground.
 
-    Parameters
-    ----------
-    ground : HeightField
-        Heights on square cells; 0.25 m or finer for a rover of 0.7 m.
-    config : PhysicsConfig
-        Tracks, friction, rate.
-    rover : Rover
-        Mass, rolling resistance, efficiency and idle power.
-    start : (2,) array_like
-        Easting and northing [m].
-    heading_rad : float
-        Counter-clockwise from east.
+    `ground`: heights on square cells; 0.25 m or finer for a rover of 0.7 m. `config`: tracks, friction, rate.
+    `rover`: mass, rolling resistance, efficiency and idle power. `start` (2,): easting and northing [m].
+    `heading_rad`: counter-clockwise from east.
 
-    Raises
-    ------
-    ConfigError
-        The physics engine is not installed.
-
-    Notes
-    -----
     Of the battery's energy the tracks' work is taken divided by the efficiency, and the
     idle power; braking gives nothing back. The snow's resistance is a force c m g against
     the motion, as compaction makes it. What it cannot do: the shear of a snow pack that

@@ -23,18 +23,9 @@ GRAIN_TEXELS = 1024
 class Tile:
     """Periodic texture with its mipmap; each word packs the 2 × 2 texels of one bilinear sample.
 
-    Parameters
-    ----------
-    words : (n,) uint32 ndarray
-        All levels one after the other, the finest first.
-    starts : (L,) int32 ndarray
-        Index of each level's first word.
-    texels : int
-        Side of the finest level, a power of 2.
-    texels_per_m : float
-        Of the finest level.
-    amplitude : float
-        Relative change of brightness that the largest byte stands for.
+    `words` (n,): all levels one after the other, the finest first. `starts` (L,): index of each level's first
+    word. `texels`: side of the finest level, a power of 2. `texels_per_m`: of the finest level. `amplitude`:
+    relative change of brightness that the largest byte stands for.
     """
 
     words: npt.NDArray[np.uint32]
@@ -47,8 +38,6 @@ class Tile:
 def sun_direction(config: AppearanceConfig) -> FloatArray:
     """Return the unit vector towards the sun (east, north, up).
 
-    Examples
-    --------
     >>> sun_direction(AppearanceConfig(sun_elevation_deg=30.0, sun_from_deg=90.0)).round(3).tolist()
     [0.866, 0.0, 0.5]
     """

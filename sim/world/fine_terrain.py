@@ -35,27 +35,12 @@ class FineTerrain:
     Between the nodes the surface is bilinear: `elevation`, the physics, the images and the
     laser see the same ground.
 
-    Parameters
-    ----------
-    height : (H, W) float32 ndarray
-        Elevation [m]; the first row is the northern one, as in a `Dem`.
-    transform : affine.Affine
-        Of the cells around the nodes, as in a `Dem`.
-    crs : pyproj.CRS
-        Projected, in metres.
-    vertical_datum : str
-        Of the terrain it was made from.
-    tone : (H, W) uint8 ndarray
-        Reflectance as a share of clean snow's, 255 for all of it.
-    water : (H, W) uint8 ndarray
-        Share of open water, 255 for all.
-    openness : (H, W) uint8 ndarray
-        Share of the sky that a place sees, 255 for all; small in crevasses.
-    hazards : tuple of Hazard
-        Crevasses, channels, pools and cones with their outlines.
+    `height` (H, W): elevation [m]; the first row is the northern one, as in a `Dem`. `transform`: of the
+    cells around the nodes, as in a `Dem`. `crs`: projected, in metres. `vertical_datum`: of the terrain it
+    was made from. `tone` (H, W): reflectance as a share of clean snow's, 255 for all of it. `water` (H, W):
+    share of open water, 255 for all. `openness` (H, W): share of the sky that a place sees, 255 for all;
+    small in crevasses. `hazards`: crevasses, channels, pools and cones with their outlines.
 
-    Notes
-    -----
     A height field has no overhangs: a crevasse's walls are one cell wide.
     """
 
@@ -132,22 +117,6 @@ def fine_terrain(terrain: Dem, config: SceneryConfig, seed: int) -> FineTerrain:
     the fine relief and the hazards are added. The last result is cached: asking again for the
     same costs nothing.
 
-    Parameters
-    ----------
-    terrain : Dem
-        The site, without nodata.
-    config : SceneryConfig
-        Wind, relief, hazards.
-    seed : int
-        The mission's; equal seeds give equal ground.
-
-    Raises
-    ------
-    InputError
-        The terrain holds unknown cells or fewer than 4 × 4.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> site = Dem.on(Grid((0.0, 0.0, 30.0, 20.0), 1.0), np.zeros((21, 31)))
     >>> ground = fine_terrain(site, SceneryConfig(crevasses_per_ha=20.0, bridged_share=0.0), seed=1)
@@ -277,28 +246,9 @@ def band_limited_field(
 ) -> FloatGrid:
     """Draw a Gaussian random field of unit variance with wavelengths within bounds.
 
-    Parameters
-    ----------
-    shape : (2,) tuple of int
-        Rows and columns wanted.
-    step_m : float
-        Distance between nodes [m].
-    wavelengths_m : (2,) tuple of float
-        Shortest and longest wavelength, across the forms [m].
-    decay : float
-        The amplitude of waves falls with frequency to this power.
-    rng : numpy.random.Generator
-        Source of the draws.
-    stretch, angle : float
-        Forms are `stretch` times longer in the direction `angle` (from the columns' axis
-        towards the rows') [rad].
-    periodic : bool
-        Whether opposite edges match, for tiles.
-
-    Returns
-    -------
-    ndarray of float32
-        The field, of the given shape.
+    `shape` (2,) int: rows and columns wanted. `step_m`: distance between nodes [m]. `wavelengths_m` (2,):
+    shortest and longest wavelength, across the forms [m]. `stretch`, `angle`: forms are `stretch` times
+    longer in the direction `angle` (from the columns' axis towards the rows') [rad].
     """
     pad = 0 if periodic else int(np.ceil(min(wavelengths_m[1], 40.0) / step_m))
     rows, columns = (n if periodic else fft.next_fast_len(n + pad, real=True) for n in shape)

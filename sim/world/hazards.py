@@ -24,12 +24,8 @@ _ICE_TONE = 0.80
 class Hazard:
     """Hazard and its outline.
 
-    Parameters
-    ----------
-    kind : str
-        "crevasse" (open), "bridged crevasse", "melt channel", "melt pool" or "dirt cone".
-    outline : shapely.Polygon
-        Where it is, easting and northing [m].
+    `kind`: "crevasse" (open), "bridged crevasse", "melt channel", "melt pool" or "dirt cone". `outline`:
+    where it is, easting and northing [m].
     """
 
     kind: HazardKind

@@ -45,14 +45,8 @@ _PASSES = 6
 class MovingIce:
     """Motion of the ice since the start of a drive.
 
-    Parameters
-    ----------
-    config : IceConfig
-        Flow and melt.
-    middle : (2,) ndarray
-        A place on the centre line [m].
-    velocity : tuple of Dem, optional
-        Rasters of the velocity to the east and to the north [m/day].
+    `config`: flow and melt. `middle` (2,): a place on the centre line [m]. `velocity`: rasters of the
+    velocity to the east and to the north [m/day].
     """
 
     config: IceConfig
@@ -102,17 +96,7 @@ class MovingIce:
     def terrain_at(self, terrain: Dem, time_s: float) -> Dem:
         """Return the terrain at a time; beyond the edge it goes on as it is there.
 
-        Parameters
-        ----------
-        terrain : Dem
-            Terrain of the start of the drive.
-        time_s : float
-            Time since then [s].
-
-        Returns
-        -------
-        Dem
-            On the same grid.
+        `time_s`: time since then [s].
         """
         grid = terrain.grid()
         times = np.full(len(grid.xy), time_s)
@@ -123,25 +107,7 @@ class MovingIce:
 
 
 def moving_ice(mission: MissionConfig, terrain: Dem) -> MovingIce | None:
-    """Return the motion of the ice of a mission, or None where the mission states none.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        Its section ``ice``.
-    terrain : Dem
-        Its terrain, whose middle lies on the centre line.
-
-    Returns
-    -------
-    MovingIce or None
-        Flow and melt.
-
-    Raises
-    ------
-    InputError
-        Velocity rasters in another CRS than the terrain.
-    """
+    """Return the motion of the ice of a mission, or None where the mission states none."""
     config = mission.ice
     if config is None:
         return None
@@ -160,20 +126,7 @@ def moving_ice(mission: MissionConfig, terrain: Dem) -> MovingIce | None:
 
 
 def epoch_of(recording: Recording, mission: MissionConfig) -> float:
-    """Return the epoch of the map of a recording on moving ice [s]: that of the mission, or the middle of the drive.
-
-    Parameters
-    ----------
-    recording : Recording
-        Its fixes begin and end with the drive.
-    mission : MissionConfig
-        Its section ``ice``.
-
-    Returns
-    -------
-    float
-        In seconds of the recording.
-    """
+    """Return the epoch of the map of a recording on moving ice [s]: that of the mission, or the middle of the drive."""
     stated = None if mission.ice is None else mission.ice.epoch_s
     return float(np.mean(recording.gps.time_s[[0, -1]])) if stated is None else stated
 
@@ -188,28 +141,7 @@ def assumed_motion(
 ) -> IceMotion:
     """Return the prior of the motion of the ice about a survey.
 
-    Parameters
-    ----------
-    assumed : IceAssumptions
-        One velocity with its standard deviation, or velocity rasters.
-    epoch_s : float
-        Epoch in seconds of the recording.
-    places : (N, 2) ndarray
-        Easting and northing of places of the survey, the start first [m].
-    crs : pyproj.CRS
-        Their CRS.
-    path_of : callable
-        Path of a file that the settings name.
-
-    Returns
-    -------
-    IceMotion
-        Prior of localization. That of rasters is a plane of each component through the cells about the places.
-
-    Raises
-    ------
-    InputError
-        Rasters in another CRS, or with fewer than six known cells about the survey.
+    `places` (N, 2): easting and northing of places of the survey, the start first [m].
     """
     if assumed.velocity_files is None:
         east, north = places[0].tolist()
@@ -231,26 +163,6 @@ def in_ice_order(route: Route, mission: MissionConfig, world: World) -> Route:
     """Return a planned route with its swaths in the order that the mission states for moving ice.
 
     Neighbouring swaths that are driven hours apart show the motion of the ice where they see the same ground.
-
-    Parameters
-    ----------
-    route : Route
-        Of one rover; its swaths in the order of their lines, lines across them last.
-    mission : MissionConfig
-        Its section ``ice`` and its rover.
-    world : World
-        Only its area and prior are used.
-
-    Returns
-    -------
-    Route
-        With the length, time and energy of the new order.
-
-    Raises
-    ------
-    ConfigError
-        Another pattern, lines that the border cuts into pieces, a rover that cannot pivot, or straight ways between the swaths that leave
-        the area.
     """
     if mission.ice is None or mission.ice.swath_order == "adjacent":
         return route

@@ -262,48 +262,13 @@ def erroneous_copy(
     rng: np.random.Generator,
     errors_rng: np.random.Generator,
 ) -> SatelliteDem:
-    """Return block means of a terrain with the errors that the settings draw.
-
-    Parameters
-    ----------
-    terrain : Dem
-        Fine terrain.
-    satellite : SatelliteConfig
-        Width of the cells, and their errors.
-    rng, errors_rng : numpy.random.Generator
-        For the white error, and for all others.
-
-    Returns
-    -------
-    SatelliteDem
-        The cells.
-    """
+    """Return block means of a terrain with the errors that the settings draw."""
     errors = ProductErrors.drawn(satellite.errors(), errors_rng)
     return product_copy(terrain, errors, rng=rng, cell_m=satellite.cell_m, correlated_rng=errors_rng)
 
 
 def prior_from_file(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> Dem:
-    """Read the prior that a mission names, in the terrain's CRS and about the area.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        Its section ``satellite``.
-    terrain : Dem
-        The real terrain.
-    area : SurveyArea
-        The area to survey.
-
-    Returns
-    -------
-    Dem
-        Cells of the raster's own width, resampled bilinearly where its projected CRS is another one.
-
-    Raises
-    ------
-    InputError
-        The raster is elsewhere, has voids in the area, or counts from another vertical datum.
-    """
+    """Read the prior that a mission names, in the terrain's CRS and about the area."""
     config = mission.satellite
     assert config.file is not None
     file = mission.path(config.file)

@@ -21,18 +21,6 @@ def check_types(function: Callable[P, R]) -> Callable[P, R]:
     Parameters annotated by classes, and unions of them, are checked; callables, protocols,
     containers and arrays are left to the function.
 
-    Parameters
-    ----------
-    function : callable
-        A function with annotations.
-
-    Returns
-    -------
-    callable
-        The same function behind the check.
-
-    Examples
-    --------
     >>> @check_types
     ... def area_m2(side_m: float) -> float:
     ...     return side_m**2

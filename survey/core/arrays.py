@@ -24,20 +24,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def frozen(values: Any, dtype: Any = np.float64) -> Any:
-    """Return a read-only copy in C order.
-
-    Parameters
-    ----------
-    values : array_like
-        Numbers of any shape.
-    dtype : dtype
-        Type of the copy.
-
-    Returns
-    -------
-    ndarray
-        A copy that cannot be written to.
-    """
+    """Return a read-only copy in C order."""
     array = np.array(values, dtype=dtype, order="C")
     array.flags.writeable = False
     return array
@@ -46,20 +33,9 @@ def frozen(values: Any, dtype: Any = np.float64) -> Any:
 def lattice_places(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return every pair of an easting and a northing, row by row.
 
-    Parameters
-    ----------
-    x : (W,) ndarray
-        Eastings of the columns.
-    y : (H,) ndarray
-        Northings of the rows.
+    `x` (W,): eastings of the columns. `y` (H,): northings of the rows. Returns (H * W, 2): easting and
+    northing.
 
-    Returns
-    -------
-    (H * W, 2) ndarray
-        Easting and northing.
-
-    Examples
-    --------
     >>> lattice_places(np.array([0.0, 1.0]), np.array([5.0])).tolist()
     [[0.0, 5.0], [1.0, 5.0]]
     """
@@ -70,20 +46,6 @@ def checked(values: Any, shape: Sequence[int | None], what: str) -> FloatArray:
     """Return a read-only float array; refuse another shape, NaN and infinity.
 
     ``None`` in `shape` stands for any length.
-
-    Parameters
-    ----------
-    values : array_like
-        Numbers.
-    shape : sequence of int or None
-        Expected lengths; None stands for any.
-    what : str
-        What they are, for the message.
-
-    Returns
-    -------
-    ndarray
-        A read-only copy.
     """
     try:
         array: FloatArray = frozen(values)
@@ -110,8 +72,6 @@ class DataObject:
     arrays where the original does. Values that a property has cached are not copied. Use it with
     ``@dataclass(frozen=True, eq=False, repr=False)``.
 
-    Examples
-    --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True, eq=False, repr=False)
     ... class Profile(DataObject):
@@ -190,13 +150,8 @@ V = TypeVar("V")
 class ReadOnlyMapping(Mapping[K, V]):
     """A mapping whose entries cannot be set or deleted.
 
-    Parameters
-    ----------
-    values : mapping
-        Entries; a shallow copy is taken.
+    `values`: entries; a shallow copy is taken.
 
-    Examples
-    --------
     >>> entries = ReadOnlyMapping({"length_m": 5.0})
     >>> entries["length_m"], entries == {"length_m": 5.0}, entries | {"n_turns": 2.0}
     (5.0, True, {'length_m': 5.0, 'n_turns': 2.0})

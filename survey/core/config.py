@@ -53,25 +53,7 @@ AnySection = TypeVar("AnySection", bound=BaseModel)
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file into a dictionary.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    dict
-        Tables and values by name.
-
-    Raises
-    ------
-    InputError
-        When the file is missing or empty.
-    ConfigError
-        When it is no TOML.
-    """
+    """Read a TOML file into a dictionary."""
     file = existing_file(path, "the configuration")
     try:
         return tomllib.loads(file.read_text(encoding="utf-8-sig"))
@@ -84,13 +66,6 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 def refuse_newer_schema(values: Mapping[str, Any], known: int, where: str) -> None:
     """Refuse a file whose ``schema_version`` is newer than this program reads.
 
-    Raises
-    ------
-    ConfigError
-        A newer version; any other value is left to the checks of the configuration.
-
-    Examples
-    --------
     >>> refuse_newer_schema({"schema_version": 1}, 1, "mine.toml")
     """
     found = values.get("schema_version")
@@ -104,20 +79,6 @@ def refuse_newer_schema(values: Mapping[str, Any], known: int, where: str) -> No
 def with_overrides(values: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Return a copy with ``section.key=value`` settings put in; values are read as TOML.
 
-    Parameters
-    ----------
-    values : mapping
-        Sections by name; not changed.
-    overrides : sequence of str
-        Settings as ``section.key=value``; what is no TOML value counts as text.
-
-    Returns
-    -------
-    dict
-        The sections with the settings.
-
-    Examples
-    --------
     >>> with_overrides({"planner": {"swaths": 4}}, ["planner.swaths=6"])
     {'planner': {'swaths': 6}}
     """
@@ -150,22 +111,7 @@ def _toml_value(text: str) -> Any:
 
 
 def validated(model: type[AnySection], values: Mapping[str, Any], where: str) -> AnySection:
-    """Build a configuration, or refuse with one sentence that names the key.
-
-    Parameters
-    ----------
-    model : type of pydantic.BaseModel
-        The configuration.
-    values : mapping
-        Settings by name.
-    where : str
-        Where they come from, for the message.
-
-    Returns
-    -------
-    pydantic.BaseModel
-        An instance of `model`.
-    """
+    """Build a configuration, or refuse with one sentence that names the key."""
     try:
         _refuse_huge_integers(values, where)
         # TOML has lists only; in JSON mode they may stand for tuples, and nothing else is converted.

@@ -43,25 +43,7 @@ _LONGEST_NAME = 80
 
 
 def known_crs(crs: Any, where: str) -> CRS:
-    """Return a CRS that PROJ knows, of whatever kind, or refuse.
-
-    Parameters
-    ----------
-    crs : str, int or pyproj.CRS
-        An EPSG code, WKT, PROJ text or PROJJSON.
-    where : str
-        What carries the CRS, for the message.
-
-    Returns
-    -------
-    pyproj.CRS
-        The CRS as it was stated.
-
-    Raises
-    ------
-    InputError
-        No CRS, one that PROJ does not know, or one that names files by their paths or addresses.
-    """
+    """Return a CRS that PROJ knows, of whatever kind, or refuse."""
     if crs is None or crs == "":
         raise InputError(f"{where} carries no coordinate reference system; name it, e.g. crs=EPSG:32608.")
     if isinstance(crs, CRS):
@@ -82,18 +64,8 @@ def known_crs(crs: Any, where: str) -> CRS:
 def crs_text(crs: CRS) -> str:
     """Return a text of one line from which a CRS comes back unchanged.
 
-    Parameters
-    ----------
-    crs : pyproj.CRS
-        Of any kind, with or without a code.
+    Returns: ``AUTHORITY:CODE`` where the CRS is exactly that of the code, else WKT 2 (2019).
 
-    Returns
-    -------
-    str
-        ``AUTHORITY:CODE`` where the CRS is exactly that of the code, else WKT 2 (2019).
-
-    Examples
-    --------
     >>> crs_text(CRS("EPSG:32608"))
     'EPSG:32608'
     >>> own = CRS("+proj=tmerc +lat_0=46 +lon_0=10.5 +ellps=GRS80 +units=m")
@@ -111,25 +83,6 @@ def crs_text(crs: CRS) -> str:
 def projected_crs(crs: Any, where: str) -> CRS:
     """Return the horizontal, projected, metric CRS, or refuse.
 
-    Parameters
-    ----------
-    crs : str, int or pyproj.CRS
-        Anything that PROJ understands. A compound CRS gives its horizontal part.
-    where : str
-        What carries the CRS, for the message.
-
-    Returns
-    -------
-    pyproj.CRS
-        Two-dimensional, axes in metres.
-
-    Raises
-    ------
-    InputError
-        No CRS, an unknown one, one in degrees or one in feet.
-
-    Examples
-    --------
     >>> projected_crs("EPSG:32608", "the site").name
     'WGS 84 / UTM zone 8N'
     """
@@ -155,17 +108,7 @@ def unit_name(crs: CRS) -> str:
 def refuse_far(xy: Any, where: str) -> None:
     """Refuse coordinates that no projected CRS has anywhere on Earth.
 
-    Parameters
-    ----------
-    xy : array_like
-        Eastings and northings [m], of any shape.
-    where : str
-        What carries them, for the message.
-
-    Raises
-    ------
-    InputError
-        One of them is beyond `FARTHEST_M`.
+    `xy`: eastings and northings [m], of any shape.
     """
     values = np.abs(np.asarray(xy, dtype=np.float64))
     if values.size and float(values.max()) > FARTHEST_M:
@@ -189,18 +132,6 @@ VERTICAL_CRS = {
 def vertical_datum_of(crs: Any) -> str:
     """Return the name of the vertical part of a CRS, or ``""`` when it has none.
 
-    Parameters
-    ----------
-    crs : str, int or pyproj.CRS
-        A horizontal, compound or three-dimensional CRS.
-
-    Returns
-    -------
-    str
-        Name of the vertical datum.
-
-    Examples
-    --------
     >>> vertical_datum_of("EPSG:32608+5773")
     'EGM96 height'
     >>> vertical_datum_of("EPSG:32608")
@@ -223,15 +154,7 @@ def vertical_datum_of(crs: Any) -> str:
 
 
 def same_vertical_datum(a: str, b: str, what: str) -> None:
-    """Refuse heights above two different datums; an unstated datum agrees with any.
-
-    Parameters
-    ----------
-    a, b : str
-        Names of datums, ``""`` for an unstated one.
-    what : str
-        The two things that meet, for the message.
-    """
+    """Refuse heights above two different datums; an unstated datum agrees with any."""
     if a != b and UNSTATED not in (a, b):
         raise InputError(
             f"{what} have heights above different vertical datums, {a!r} and {b!r}; they differ by tens of metres, "
@@ -242,27 +165,8 @@ def same_vertical_datum(a: str, b: str, what: str) -> None:
 def datum_of_file(stated: str, crs: Any, where: str) -> str:
     """Return the vertical datum of a file: its own, or that of the CRS that was named for it.
 
-    Parameters
-    ----------
-    stated : str
-        Name of the file's datum, ``""`` for an unstated one.
-    crs : str, int or pyproj.CRS, optional
-        CRS that was named for the file; None for none.
-    where : str
-        The file, for the message.
+    Returns: name of the datum, ``""`` where neither states one.
 
-    Returns
-    -------
-    str
-        Name of the datum, ``""`` where neither states one.
-
-    Raises
-    ------
-    InputError
-        Both state one, and they differ.
-
-    Examples
-    --------
     >>> datum_of_file("", "EPSG:32608+5773", "dem.tif")
     'EGM96 height'
     """
@@ -276,18 +180,6 @@ def equal_crs(a: CRS, b: CRS) -> bool:
 
     A datum without a name of its own is compared by its ellipsoid, for file formats rename it.
 
-    Parameters
-    ----------
-    a, b : pyproj.CRS
-        The systems.
-
-    Returns
-    -------
-    bool
-        True where coordinates of one can be used in the other.
-
-    Examples
-    --------
     >>> own = CRS("+proj=tmerc +lat_0=46 +lon_0=10.5 +ellps=GRS80 +units=m")
     >>> equal_crs(own, CRS(own.to_wkt("WKT1_ESRI")))
     True
@@ -308,15 +200,7 @@ def _has_unnamed_datum(crs: CRS) -> bool:
 
 
 def same_crs(a: CRS, b: CRS, what: str) -> None:
-    """Refuse two different horizontal systems; `what` names the two things that meet.
-
-    Parameters
-    ----------
-    a, b : pyproj.CRS
-        Projected systems.
-    what : str
-        The two things that meet, for the message.
-    """
+    """Refuse two different horizontal systems; `what` names the two things that meet."""
     _refuse_one_local(a, b, what)
     if not equal_crs(a, b):
         raise InputError(
@@ -327,25 +211,6 @@ def same_crs(a: CRS, b: CRS, what: str) -> None:
 def agreed_crs(stated: Any, named: Any, where: str) -> CRS:
     """Return the projected CRS of a file: the stated one, else the one that a user named.
 
-    Parameters
-    ----------
-    stated, named : str, pyproj.CRS or None
-        Of the file and of the request. A local CRS (LOCAL_CS) of the file counts as none where one is named.
-    where : str
-        Name of the file, for the message.
-
-    Returns
-    -------
-    pyproj.CRS
-        Projected, in metres.
-
-    Raises
-    ------
-    InputError
-        Neither is given, the two differ, or as `projected_crs` does.
-
-    Examples
-    --------
     >>> agreed_crs('LOCAL_CS["site grid",UNIT["metre",1]]', "EPSG:32608", "the map").to_epsg()
     32608
     """
@@ -364,8 +229,6 @@ def agreed_crs(stated: Any, named: Any, where: str) -> CRS:
 def is_local(crs: Any) -> bool:
     """Return whether a CRS is a local (engineering) one, which no transformation ties to the Earth.
 
-    Examples
-    --------
     >>> is_local('LOCAL_CS["site grid",UNIT["metre",1]]'), is_local("EPSG:32608")
     (True, False)
     """
@@ -393,22 +256,8 @@ _LARGEST_EXTENT_DEG = 2.0
 def refuse_exchanged(xy: FloatArray, crs: CRS, where: str) -> None:
     """Refuse places that lie far outside the area of use of their CRS, and within it with exchanged coordinates.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Eastings and northings [m].
-    crs : pyproj.CRS
-        Projected. Without an area of use nothing is refused.
-    where : str
-        What carries the places, for the message.
+    `xy` (N, 2): eastings and northings [m].
 
-    Raises
-    ------
-    InputError
-        Easting and northing are exchanged.
-
-    Examples
-    --------
     >>> refuse_exchanged(np.array([[5e5, 6.7e6]]), CRS("EPSG:32608"), "the area")
     >>> refuse_exchanged(np.array([[6.7e6, 5e5]]), CRS("EPSG:32608"), "the area")
     Traceback (most recent call last):
@@ -429,22 +278,8 @@ def refuse_exchanged(xy: FloatArray, crs: CRS, where: str) -> None:
 def refuse_degrees(xy: FloatArray, crs: CRS, where: str) -> None:
     """Refuse places that are degrees within the area of use of a projected CRS, in metres.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Eastings and northings [m].
-    crs : pyproj.CRS
-        Projected. Without an area of use, or with one of more than a fifth of the Earth, nothing is refused.
-    where : str
-        What carries the places, for the message.
+    `xy` (N, 2): eastings and northings [m].
 
-    Raises
-    ------
-    InputError
-        All places are a longitude and a latitude of the area of use, within 2 degrees of each other.
-
-    Examples
-    --------
     >>> refuse_degrees(np.array([[-135.0, 60.4], [-134.9, 60.5]]), CRS("EPSG:32608"), "the area")
     Traceback (most recent call last):
     survey.core.errors.InputError: the area has coordinates such as -135, 60.4, which are degrees and no metres of ...

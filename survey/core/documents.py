@@ -21,20 +21,7 @@ LARGEST_BYTES = 256 * 2**20
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write a document in place of what stood there.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file; its folder must exist.
-    content : mapping
-        Units stand in the keys. Unknown numbers are ``None``: NaN and infinity are refused.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
+    """Write a document in place of what stood there."""
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with replacing(path) as draft:
         # Names of files may hold bytes that are no UTF-8.
@@ -42,27 +29,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def read_json(path: str | Path, what: str) -> dict[str, Any]:
-    """Read a document.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    what : str
-        What it is, for the message: "the manifest".
-
-    Returns
-    -------
-    dict
-        The document's outermost object.
-
-    Raises
-    ------
-    InputError
-        The file is missing, empty, damaged, nested too deep, or holds no object.
-    CapacityError
-        It is larger than `LARGEST_BYTES`.
-    """
+    """Read a document."""
     file = existing_file(path, what)
     try:
         content = json.loads(read_bytes(file, what, LARGEST_BYTES).decode("utf-8"))
@@ -104,18 +71,7 @@ class _ManifestShape(_Shape):
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file as hexadecimal digits.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A readable file.
-
-    Returns
-    -------
-    str
-        64 digits.
-    """
+    """Return the SHA-256 of a file as hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -123,18 +79,6 @@ def file_sha256(path: Path) -> str:
 def content_sha256(content: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a JSON document, whatever the order of its keys and its white space.
 
-    Parameters
-    ----------
-    content : mapping of str to Any
-        What JSON can hold.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Examples
-    --------
     >>> content_sha256({"a": 1, "b": 2}) == content_sha256({"b": 2, "a": 1})
     True
     """
@@ -143,78 +87,23 @@ def content_sha256(content: Mapping[str, Any]) -> str:
 
 
 def with_checksum(content: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Return a document with the checksum of all its other keys under `key`.
-
-    Parameters
-    ----------
-    content : mapping of str to Any
-        The document; an old checksum in it is replaced.
-    key : str
-        Name of the checksum's entry.
-
-    Returns
-    -------
-    dict
-        The document with its checksum last.
-    """
+    """Return a document with the checksum of all its other keys under `key`."""
     rest = {name: value for name, value in content.items() if name != key}
     return {**rest, key: content_sha256(rest)}
 
 
 def is_intact(content: Mapping[str, Any], key: str) -> bool:
-    """Return whether a document has the checksum that `with_checksum` put under `key`.
-
-    Parameters
-    ----------
-    content : mapping of str to Any
-        The document as it was read.
-    key : str
-        Name of the checksum's entry.
-
-    Returns
-    -------
-    bool
-        False when the checksum is missing or another one.
-    """
+    """Return whether a document has the checksum that `with_checksum` put under `key`."""
     return content.get(key) == content_sha256({k: v for k, v in content.items() if k != key})
 
 
 def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a manifest with its version and its checksum.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        Its file; replaced in one step.
-    content : mapping of str to Any
-        ``config_sha256``, ``inputs_sha256``, ``files_sha256``, ``stages`` and any facts.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
+    """Write a manifest with its version and its checksum."""
     write_json(path, with_checksum({**content, "manifest_version": MANIFEST_VERSION}, _MANIFEST_SHA256))
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read a manifest and check its shape, its version and its checksum.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        Its file.
-
-    Returns
-    -------
-    dict
-        The content that `write_manifest` was given, with version and checksum.
-
-    Raises
-    ------
-    InputError
-        The file is missing, is no JSON, was changed, or was written by another version.
-    """
+    """Read a manifest and check its shape, its version and its checksum."""
     try:
         content = json.loads(path.read_bytes())
         version = content["manifest_version"] if isinstance(content, dict) else None
@@ -233,22 +122,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def write_record(folder: Path, files: Iterable[Path], facts: Mapping[str, Any]) -> None:
-    """Write the checksums of files of a folder to ``made.json``.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The folder.
-    files : iterable of pathlib.Path
-        Files in it, or in folders below it.
-    facts : mapping of str to Any
-        How they were made.
-
-    Raises
-    ------
-    InputError
-        When the record cannot be written.
-    """
+    """Write the checksums of files of a folder to ``made.json``."""
     checksums = {str(file.relative_to(folder)): file_sha256(file) for file in sorted(files)}
     write_json(folder / RECORD, with_checksum({**facts, "files_sha256": checksums}, _RECORD_SHA256))
 
@@ -256,20 +130,7 @@ def write_record(folder: Path, files: Iterable[Path], facts: Mapping[str, Any]) 
 def read_record(folder: Path) -> dict[str, Any]:
     """Read ``made.json`` and check the files that it lists.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The folder that `write_record` was given. Files beside those that are listed do not matter.
-
-    Returns
-    -------
-    dict
-        The facts, ``files_sha256`` and the record's own checksum.
-
-    Raises
-    ------
-    InputError
-        The record or a listed file is missing or was changed.
+    Returns: the facts, ``files_sha256`` and the record's own checksum.
     """
     record = read_json(folder / RECORD, "the record of the folder")
     if not is_intact(record, _RECORD_SHA256):
@@ -301,18 +162,6 @@ _LINE_SHA256 = "line_sha256"
 def log_line(entry: Mapping[str, Any]) -> str:
     """Return a log record as one line of JSON with its checksum, without the line's end.
 
-    Parameters
-    ----------
-    entry : mapping of str to Any
-        What JSON can hold.
-
-    Returns
-    -------
-    str
-        The line; `read_log` checks it.
-
-    Examples
-    --------
     >>> log_line({"level": "info"})[:36]
     '{"level": "info", "line_sha256": "fd'
     """
@@ -322,20 +171,7 @@ def log_line(entry: Mapping[str, Any]) -> str:
 def read_log(path: str | Path) -> list[dict[str, Any]]:
     """Read the log of a run and check every line.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file ``log.jsonl``.
-
-    Returns
-    -------
-    list of dict
-        The log records with their checksums; none of an empty file.
-
-    Raises
-    ------
-    InputError
-        The file is missing, or a line was changed or is not complete.
+    Returns: the log records with their checksums; none of an empty file.
     """
     if Path(path).is_file() and not Path(path).stat().st_size:
         return []
@@ -347,13 +183,7 @@ def read_log(path: str | Path) -> list[dict[str, Any]]:
 
 
 def cut_incomplete_line(path: Path) -> None:
-    """Cut off the last line of a log where a killed process has not completed it.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The log, existing or not.
-    """
+    """Cut off the last line of a log where a killed process has not completed it."""
     if not path.exists():
         return
     with path.open("rb+") as file:

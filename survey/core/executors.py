@@ -39,10 +39,7 @@ UNGUARDED = (
 class Processes:
     """Processes of this machine that run pieces of one function after another; dead ones are replaced.
 
-    Parameters
-    ----------
-    workers : int
-        Number of processes; they start with the first piece.
+    `workers`: number of processes; they start with the first piece.
     """
 
     def __init__(self, workers: int) -> None:
@@ -290,28 +287,7 @@ def run_all(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> Iterator[tuple[P, R]]:
-    """Run every piece, and yield it with its result as soon as it is done.
-
-    Parameters
-    ----------
-    work : callable
-        A function of a module, or a `functools.partial` of one, so that workers can be sent it.
-    pieces : sequence
-        Arguments of `work`, one call each.
-    engine : {"serial", "processes", "dask"}
-        In this process; in new processes of this machine; or through dask.distributed.
-    workers : int, optional
-        Number of processes; as many as this process may use cores. A scheduler has its own.
-    scheduler : str, optional
-        Address of a dask scheduler, ``tcp://host:port``; without one, engine dask starts a cluster here.
-
-    Raises
-    ------
-    ConfigError
-        dask is asked for and not installed; a number of workers below 1.
-    InputError
-        The scheduler does not answer or stops answering; workers die again and again without finishing anything.
-    """
+    """Run every piece, and yield it with its result as soon as it is done."""
     with open_workers(engine, workers, scheduler) as run:
         yield from run(work, pieces)
 
@@ -320,23 +296,7 @@ def run_all(
 def open_workers(
     engine: Engine, workers: int | None = None, scheduler: str | None = None
 ) -> Iterator[Callable[..., Iterator[tuple[Any, Any]]]]:
-    """Yield a function that runs pieces like `run_all`; its workers stay until the block ends.
-
-    Parameters
-    ----------
-    engine, workers, scheduler
-        See `run_all`.
-
-    Yields
-    ------
-    callable
-        Takes a function and its pieces, and yields each piece with its result.
-
-    Raises
-    ------
-    ConfigError, InputError
-        See `run_all`.
-    """
+    """Yield a function that runs pieces like `run_all`; its workers stay until the block ends."""
     n = workers if workers is not None else len(os.sched_getaffinity(0))
     if n < 1:
         raise ConfigError(f"{n} workers were asked for; at least 1 is needed.")

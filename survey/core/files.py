@@ -23,25 +23,7 @@ from survey.core.errors import CapacityError, InputError
 
 
 def existing_file(path: str | Path, what: str) -> Path:
-    """Return the path of a readable, non-empty file, or refuse.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    what : str
-        What it is, for the message: "the raster".
-
-    Returns
-    -------
-    pathlib.Path
-        `path`, unchanged.
-
-    Raises
-    ------
-    InputError
-        It is missing, a folder, a pipe or a device, empty, or may not be read.
-    """
+    """Return the path of a readable, non-empty file, or refuse."""
     file = Path(path)
     try:
         finish_exchange(file)
@@ -62,29 +44,7 @@ def existing_file(path: str | Path, what: str) -> Path:
 
 
 def read_bytes(file: Path, what: str, largest_bytes: int | None = None) -> bytes:
-    """Read a file that `existing_file` has returned, or refuse.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The file.
-    what : str
-        What it is, for the message.
-    largest_bytes : int, optional
-        Larger files are refused.
-
-    Returns
-    -------
-    bytes
-        All of its content.
-
-    Raises
-    ------
-    InputError
-        The device fails, or the file is gone.
-    CapacityError
-        It is larger than `largest_bytes`.
-    """
+    """Read a file that `existing_file` has returned, or refuse."""
     try:
         n_bytes = file.stat().st_size
         if largest_bytes is not None and n_bytes > largest_bytes:
@@ -113,24 +73,6 @@ def replacing(path: str | Path, *, stale: Iterable[Path] = ()) -> Iterator[Path]
     written to the disk in a folder ``.<name>.exchange`` that appears by one rename, and then moved.
     The next reader or writer of `path` through `existing_file` or this function completes the moves of a
     writer that was killed between them, so that only other programs could meet old and new files side by side.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file to write; its folder must exist.
-    stale : iterable of pathlib.Path
-        Files beside it that belong to what stood there before, and go with it.
-
-    Yields
-    ------
-    pathlib.Path
-        The draft, with the name of `path`. What a writer puts beside it is put in place too.
-
-    Raises
-    ------
-    InputError
-        The folder is missing or may not be written to, or the disk is full. Other errors of the body
-        pass through unchanged.
     """
     target = Path(path)
     if not target.parent.is_dir():
@@ -179,18 +121,7 @@ def _put_in_place(folder: Path, target: Path, stale: Iterable[Path]) -> None:
 
 
 def finish_exchange(path: Path) -> None:
-    """Complete an exchange that a killed writer had begun: move its files to their place.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The main file of the format; nothing is done where no exchange was begun.
-
-    Raises
-    ------
-    OSError
-        The folder may not be written to.
-    """
+    """Complete an exchange that a killed writer had begun: move its files to their place."""
     if not path.name or not (ready := _exchange_folder(path)).is_dir():
         return
     note = ready / _REMOVED
@@ -213,20 +144,6 @@ def _exchange_folder(path: Path) -> Path:
 def write_refusal(path: Path, error: OSError) -> InputError:
     """Return the refusal of an output that could not be written, with the remedy that its reason asks for.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The output.
-    error : OSError
-        What the operating system said.
-
-    Returns
-    -------
-    InputError
-        Names the output and the reason. Only a full disk, quota or file size limit asks for space.
-
-    Examples
-    --------
     >>> print(write_refusal(Path("a.tif"), PermissionError(13, "Permission denied")))
     a.tif could not be written (Permission denied); choose another place.
     """
@@ -235,13 +152,7 @@ def write_refusal(path: Path, error: OSError) -> InputError:
 
 
 def synced(path: Path) -> None:
-    """Write a file's content from the operating system's cache to the disk.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A file or folder.
-    """
+    """Write a file's content from the operating system's cache to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -250,20 +161,7 @@ def synced(path: Path) -> None:
 
 
 def unwritable(path: Path, reason: object) -> InputError:
-    """Return the refusal of a file that a library could not write; it asks for space where hardly any is left.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    reason : object
-        What the library said.
-
-    Returns
-    -------
-    InputError
-        Names the file and the reason.
-    """
+    """Return the refusal of a file that a library could not write; it asks for space where hardly any is left."""
     words = first_line(reason)
     full = "space" in words.lower() or (
         path.parent.is_dir() and shutil.disk_usage(path.parent).free < _LITTLE_SPACE_BYTES
@@ -286,13 +184,7 @@ _DAMAGE = ("parsed incompletely", "corrupt", "truncated", "unexpected end")
 
 @contextmanager
 def warnings_logged() -> Iterator[None]:
-    """Send warnings of libraries that read a file to the log.
-
-    Raises
-    ------
-    DamagedError
-        A warning reports damage: the values that were read are not those of the file.
-    """
+    """Send warnings of libraries that read a file to the log."""
     with warnings.catch_warnings(record=True) as caught, _unraisable_logged():
         warnings.simplefilter("always")
         yield
@@ -315,17 +207,6 @@ def _unraisable_logged() -> Iterator[None]:
 
 
 def first_line(reason: object) -> str:
-    """Return the first line of a reason without its full stop, or the kind of fault where there are no words.
-
-    Parameters
-    ----------
-    reason : object
-        An exception or a text.
-
-    Returns
-    -------
-    str
-        One line without its full stop.
-    """
+    """Return the first line of a reason without its full stop, or the kind of fault where there are no words."""
     words = str(reason).strip()
     return words.splitlines()[0].rstrip(".") if words else type(reason).__name__

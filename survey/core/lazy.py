@@ -15,20 +15,8 @@ from typing import Any
 def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package whose names are in its stub file.
 
-    Parameters
-    ----------
-    package : str
-        Name of the package.
-    file : str
-        Path of its ``__init__.py``; the stub file is beside it.
+    Returns: functions ``__getattr__`` and ``__dir__``, and the list ``__all__``.
 
-    Returns
-    -------
-    tuple
-        Functions ``__getattr__`` and ``__dir__``, and the list ``__all__``.
-
-    Examples
-    --------
     >>> import survey
     >>> get, _, names = attach("survey", survey.__file__)
     >>> "Dem" in names, get("Dem").__module__
@@ -48,18 +36,7 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
 
 
 def modules_by_name(stub: Path) -> dict[str, str]:
-    """Return the module that defines each public name of a stub file.
-
-    Parameters
-    ----------
-    stub : pathlib.Path
-        A stub file of lines ``from module import name as name``.
-
-    Returns
-    -------
-    dict
-        Module of each name.
-    """
+    """Return the module that defines each public name of a stub file."""
     tree = ast.parse(stub.read_text(encoding="utf-8"))
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
     return {alias.name: node.module or "" for node in imports for alias in node.names}

@@ -93,14 +93,9 @@ _N_SUMMARY = 9
 class ScaleFactors(NamedTuple):
     """Scale factors at N places: grid metres for each metre on the ground.
 
-    Parameters
-    ----------
-    meridional, parallel : (N,) ndarray
-        Along the meridian and along the parallel.
-    areal : (N,) ndarray
-        Grid area over ground area.
-    least, largest : (N,) ndarray
-        Over all directions: the half axes of Tissot's ellipse. Equal for a conformal projection.
+    `meridional`, `parallel` (N,): along the meridian and along the parallel. `areal` (N,): grid area over
+    ground area. `least`, `largest` (N,): over all directions: the half axes of Tissot's ellipse. Equal for a
+    conformal projection.
     """
 
     meridional: FloatArray
@@ -122,25 +117,8 @@ def scale_factors(crs: Any, xy: Any) -> ScaleFactors:
     EPSG:3857 this differs from `pyproj.Proj.get_factors`, which measures on the sphere that the projection's
     formula uses, by up to 0.7 % in the areal factor.
 
-    Parameters
-    ----------
-    crs : str or pyproj.CRS
-        Projected, in metres; compound and bound systems give their horizontal part.
-    xy : (N, 2) array_like
-        Easting and northing [m], in this order whatever the axis order of the CRS.
+    `xy` (N, 2): easting and northing [m], in this order whatever the axis order of the CRS.
 
-    Returns
-    -------
-    ScaleFactors
-        Arrays of N; all 1 for a local (engineering) CRS, which no transformation ties to the Earth.
-
-    Raises
-    ------
-    InputError
-        A CRS in degrees or feet, or places that the projection cannot show.
-
-    Examples
-    --------
     >>> scale_factors("EPSG:32608", [[500_000.0, 6_700_000.0]]).meridional.round(4)
     array([0.9996])
     """
@@ -298,26 +276,10 @@ _N_CUTS = 9
 def ground_lengths_m(crs: Any, xy: Any) -> FloatArray:
     """Return the lengths on the ground of the segments between waypoints.
 
-    Parameters
-    ----------
-    crs : str or pyproj.CRS
-        Projected, in metres.
-    xy : (N, 2) array_like
-        Easting and northing of the waypoints [m].
+    `xy` (N, 2): easting and northing of the waypoints [m]. Returns (N - 1,): lengths on the ellipsoid [m].
+    The scale is taken at the middle of a segment and in its direction: segments longer than some 100 km
+    should be divided first.
 
-    Returns
-    -------
-    (N - 1,) ndarray
-        Lengths on the ellipsoid [m]. The scale is taken at the middle of a segment and in its direction:
-        segments longer than some 100 km should be divided first.
-
-    Raises
-    ------
-    InputError
-        As `scale_factors` does.
-
-    Examples
-    --------
     >>> ground_lengths_m("EPSG:3857", [[0.0, 8_399_737.89], [0.0, 8_400_737.89]]).round(1)
     array([500.4])
     """
@@ -333,25 +295,8 @@ def ground_lengths_m(crs: Any, xy: Any) -> FloatArray:
 def ground_length_m(crs: Any, xy: Any) -> float:
     """Return the length on the ground of the line through waypoints.
 
-    Parameters
-    ----------
-    crs : str or pyproj.CRS
-        Projected, in metres.
-    xy : (N, 2) array_like
-        Easting and northing of the waypoints [m].
+    `xy` (N, 2): easting and northing of the waypoints [m]. Returns: sum of `ground_lengths_m` [m].
 
-    Returns
-    -------
-    float
-        Sum of `ground_lengths_m` [m].
-
-    Raises
-    ------
-    InputError
-        As `scale_factors` does.
-
-    Examples
-    --------
     >>> round(ground_length_m("EPSG:32608", [[500_000.0, 6.7e6], [500_000.0, 6.701e6]]), 1)
     1000.4
     """
@@ -361,25 +306,9 @@ def ground_length_m(crs: Any, xy: Any) -> float:
 def areal_factors(crs: Any, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the areal scale factor of every cell of a raster.
 
-    Parameters
-    ----------
-    crs : str or pyproj.CRS
-        Projected, in metres.
-    x, y : (W,) and (H,) ndarray
-        Easting of the columns and northing of the rows [m].
+    `x`, `y` (W,) and (H,): easting of the columns and northing of the rows [m]. Returns (H, W): grid area
+    over ground area, interpolated linearly between at most 65 × 65 nodes.
 
-    Returns
-    -------
-    (H, W) ndarray
-        Grid area over ground area, interpolated linearly between at most 65 × 65 nodes.
-
-    Raises
-    ------
-    InputError
-        As `scale_factors` does.
-
-    Examples
-    --------
     >>> areal_factors("EPSG:3857", np.array([0.0, 1.0]), np.array([8_399_738.0])).round(2)
     array([[3.99, 3.99]])
     """
@@ -393,25 +322,8 @@ def areal_factors(crs: Any, x: FloatArray, y: FloatArray) -> FloatArray:
 def ground_area_m2(crs: Any, polygon: Polygon | MultiPolygon) -> float:
     """Return the area of a polygon on the ground.
 
-    Parameters
-    ----------
-    crs : str or pyproj.CRS
-        Projected, in metres.
-    polygon : shapely.Polygon or shapely.MultiPolygon
-        With edges that are straight in the CRS [m].
+    `polygon`: with edges that are straight in the CRS [m]. Returns: area on the ellipsoid [m²].
 
-    Returns
-    -------
-    float
-        Area on the ellipsoid [m²].
-
-    Raises
-    ------
-    InputError
-        As `scale_factors` does.
-
-    Examples
-    --------
     >>> round(ground_area_m2("EPSG:3857", shapely.box(0.0, 8_399_238.0, 1000.0, 8_400_238.0)), -3)
     251000.0
     """

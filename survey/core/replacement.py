@@ -30,28 +30,6 @@ def replacing_folder(path: str | Path, *, own: Collection[str]) -> Iterator[Path
     unchanged, the draft is deleted and `path` stays as it was. A draft that a killed process left
     is deleted by the next call.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The output folder; its parents are created.
-    own : collection of str
-        Patterns (`fnmatch`) of the file names that this output consists of, relative to the
-        folder, for example ``("dem.tif", "*.png")``. Anything else in the old folder was not
-        written by firnline and is never deleted: the call is refused.
-
-    Yields
-    ------
-    pathlib.Path
-        The draft folder.
-
-    Raises
-    ------
-    InputError
-        `path` is a file or the current folder, holds files that do not match `own`, cannot be
-        written, the disk is full, or another process is writing it.
-
-    Examples
-    --------
     >>> import tempfile
     >>> out = Path(tempfile.mkdtemp()) / "map"
     >>> with replacing_folder(out, own=("*.txt",)) as draft:
@@ -72,20 +50,7 @@ def replacing_folder(path: str | Path, *, own: Collection[str]) -> Iterator[Path
 
 
 def refuse_foreign(folder: Path, own: Collection[str]) -> None:
-    """Refuse an output folder that cannot be replaced without deleting the files of others.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The output folder, existing or not.
-    own : collection of str
-        Patterns of the files that may be deleted, see `replacing_folder`.
-
-    Raises
-    ------
-    InputError
-        `folder` is a file, contains the current folder, or holds a file that matches no pattern.
-    """
+    """Refuse an output folder that cannot be replaced without deleting the files of others."""
     place = resolved(folder)
     if place == Path.cwd() or place in Path.cwd().parents:
         raise InputError(f"{folder} contains the current folder and cannot be replaced; name a folder in it.")
@@ -108,25 +73,10 @@ def replacing_files(*paths: str | Path) -> Iterator[tuple[Path, ...]]:
     same folder. The old companions are removed before the main file is exchanged and the new ones
     follow, so at no time does a companion stand beside a main file that it does not belong to.
 
-    Parameters
-    ----------
-    *paths : str or pathlib.Path
-        The main file and its companions, all in one existing folder.
+    Yields: the drafts, in the order of `paths`, with the same names. What a writer leaves beside them
+    (``.prj``, ``.aux.xml``) is put in place too. A companion that was not written is left out. A companion
+    may be a folder.
 
-    Yields
-    ------
-    tuple of pathlib.Path
-        The drafts, in the order of `paths`, with the same names. What a writer leaves beside them
-        (``.prj``, ``.aux.xml``) is put in place too. A companion that was not written is left out. A
-        companion may be a folder.
-
-    Raises
-    ------
-    InputError
-        The folder is missing or cannot be written, or the disk is full.
-
-    Examples
-    --------
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
     >>> with replacing_files(folder / "route.txt", folder / "route.log") as (route, log):
@@ -144,20 +94,7 @@ def replacing_files(*paths: str | Path) -> Iterator[tuple[Path, ...]]:
 
 
 def refuse_unwritable(path: Path, *, is_folder: bool) -> None:
-    """Refuse an output in whose place nothing can be created.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The output, existing or not.
-    is_folder : bool
-        Whether the output is a folder, whose missing parents will be created.
-
-    Raises
-    ------
-    InputError
-        A parent is a file, the folder of a file is missing, or it may not be written to.
-    """
+    """Refuse an output in whose place nothing can be created."""
     parent = resolved(path).parent
     while is_folder and not os.path.lexists(parent):
         parent = parent.parent
@@ -186,27 +123,7 @@ def _locked_draft(draft: Path, target: Path) -> int:
 
 
 def lock_folder(draft: Path, target: Path) -> int:
-    """Lock a draft folder until the descriptor is closed; a process that is killed holds no lock.
-
-    Parameters
-    ----------
-    draft : pathlib.Path
-        The folder.
-    target : pathlib.Path
-        The output that the draft will replace, for the message.
-
-    Returns
-    -------
-    int
-        A descriptor of the folder.
-
-    Raises
-    ------
-    InputError
-        Another process has locked it.
-    OSError
-        The folder cannot be opened.
-    """
+    """Lock a draft folder until the descriptor is closed; a process that is killed holds no lock."""
     descriptor = os.open(draft, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -267,11 +184,6 @@ def exchange(new: Path, old: Path) -> None:
 
     Where the file system cannot exchange two names in one step, `old` is renamed first, so that a
     kill between the two renames leaves it beside its place as ``.<name>.old``.
-
-    Parameters
-    ----------
-    new, old : pathlib.Path
-        Two folders or files of one file system.
     """
     if not old.exists():
         new.replace(old)
@@ -302,18 +214,6 @@ def _exchanged_at_once(new: Path, old: Path) -> bool:
 def resolved(path: str | Path) -> Path:
     """Return the absolute path without symbolic links; links that lead around in a circle stay.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Existing or not.
-
-    Returns
-    -------
-    pathlib.Path
-        Unlike `pathlib.Path.resolve`, a circle of links raises nothing; opening the path then fails.
-
-    Examples
-    --------
     >>> resolved("/usr/../usr").name
     'usr'
     """

@@ -377,13 +377,7 @@ def files_of(folder: Path) -> set[str]:
 
 
 def check_files(folder: Path, expected: Mapping[str, str], remedy: str) -> None:
-    """Check files of a folder against their checksums.
-
-    Raises
-    ------
-    InputError
-        A file is missing or was changed; `remedy` ends its sentence.
-    """
+    """Check files of a folder against their checksums."""
     for name, digest in expected.items():
         file = folder / name
         if not file.is_file() or file_sha256(file) != digest:
@@ -400,13 +394,7 @@ def sync_tree(folder: Path) -> None:
 
 @contextmanager
 def locked(folder: Path, refusal: str) -> Iterator[None]:
-    """Lock a folder against other processes; the lock of a killed process is released.
-
-    Raises
-    ------
-    InputError
-        Another process has locked it; `refusal` is the sentence.
-    """
+    """Lock a folder against other processes; the lock of a killed process is released."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         _lock(descriptor, refusal)

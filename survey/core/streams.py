@@ -12,21 +12,9 @@ import numpy as np
 def stream(seed: int, *names: str | int) -> np.random.Generator:
     """Return the random generator that belongs to a seed and a name.
 
-    Parameters
-    ----------
-    seed : int
-        The mission's or study's seed, 0 or greater.
-    *names : str or int
-        The purpose, from the general to the particular, e.g. ``"trial", 17, "gps"``.
+    Returns: PCG64 keyed by ``SHA-256(names)``: the same on every platform. Equal names give equal streams;
+    different names give independent ones.
 
-    Returns
-    -------
-    numpy.random.Generator
-        PCG64 keyed by ``SHA-256(names)``: the same on every platform. Equal names give
-        equal streams; different names give independent ones.
-
-    Examples
-    --------
     >>> bool(stream(7, "gps").random() == stream(7, "gps").random())
     True
     >>> bool(stream(7, "gps").random() == stream(7, "terrain").random())

@@ -13,18 +13,8 @@ _HOUR_S, _KWH_J = 3600.0, 3.6e6
 def duration_text(seconds: float) -> str:
     """Write a duration in hours and minutes.
 
-    Parameters
-    ----------
-    seconds : float
-        Not negative [s].
+    `seconds`: not negative [s].
 
-    Returns
-    -------
-    str
-        Seconds below a minute, minutes below an hour.
-
-    Examples
-    --------
     >>> duration_text(10_560.0), duration_text(341.7), duration_text(42.0)
     ('2 h 56 min', '6 min', '42 s')
     """
@@ -38,18 +28,8 @@ def duration_text(seconds: float) -> str:
 def energy_text(joules: float) -> str:
     """Write an energy in kilowatt-hours, below 0.1 kWh in watt-hours.
 
-    Parameters
-    ----------
-    joules : float
-        Energy [J].
+    `joules`: energy [J].
 
-    Returns
-    -------
-    str
-        Three digits with their unit.
-
-    Examples
-    --------
     >>> energy_text(5.33e6), energy_text(156_491.0)
     ('1.48 kWh', '43.5 Wh')
     """
@@ -60,18 +40,8 @@ def energy_text(joules: float) -> str:
 def length_text(metres: float) -> str:
     """Write a length in metres, from one kilometre on in kilometres.
 
-    Parameters
-    ----------
-    metres : float
-        Length [m].
+    `metres`: length [m].
 
-    Returns
-    -------
-    str
-        With its unit.
-
-    Examples
-    --------
     >>> length_text(301.4), length_text(12_345.0)
     ('301 m', '12.35 km')
     """
@@ -83,18 +53,8 @@ def length_text(metres: float) -> str:
 def area_text(square_metres: float) -> str:
     """Write an area in square metres, hectares or square kilometres.
 
-    Parameters
-    ----------
-    square_metres : float
-        Area [m²].
+    `square_metres`: area [m²].
 
-    Returns
-    -------
-    str
-        Three digits with their unit.
-
-    Examples
-    --------
     >>> area_text(768.0), area_text(19_300.0), area_text(1_932_837.0)
     ('768 m²', '1.93 ha', '1.93 km²')
     """
@@ -108,18 +68,8 @@ def area_text(square_metres: float) -> str:
 def place_text(longitude_deg: float, latitude_deg: float) -> str:
     """Write latitude and longitude with six decimals, a tenth of a metre.
 
-    Parameters
-    ----------
-    longitude_deg, latitude_deg : float
-        Place [deg], east and north positive.
+    `longitude_deg`, `latitude_deg`: place [deg], east and north positive.
 
-    Returns
-    -------
-    str
-        Latitude first, as on paper maps.
-
-    Examples
-    --------
     >>> place_text(-134.5, 58.44)
     '58.440000° N 134.500000° W'
     """
@@ -130,18 +80,6 @@ def place_text(longitude_deg: float, latitude_deg: float) -> str:
 def round_number(value: float) -> float:
     """Return the largest of 1, 2 or 5 times a power of ten that is not above `value`.
 
-    Parameters
-    ----------
-    value : float
-        Above 0.
-
-    Returns
-    -------
-    float
-        Such as the length of a scale bar.
-
-    Examples
-    --------
     >>> [round_number(v) for v in (0.03, 1.9, 137.0)]
     [0.02, 1.0, 100.0]
     """
@@ -157,18 +95,8 @@ _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 def printable(name: str) -> str:
     r"""Escape what a terminal would obey or hide: control characters, line breaks, changes of direction.
 
-    Parameters
-    ----------
-    name : str
-        A name from a file, or a message that holds one.
+    Returns: the name with such characters written as ``\xNN`` or ``\uNNNN``; others stay.
 
-    Returns
-    -------
-    str
-        The name with such characters written as ``\xNN`` or ``\uNNNN``; others stay.
-
-    Examples
-    --------
     >>> printable("north\x1b[2J")
     'north\\x1b[2J'
     >>> printable("Größe 3 m²")
@@ -180,19 +108,6 @@ def printable(name: str) -> str:
 def csv_cell(name: str) -> str:
     """Escape a name for a cell of a CSV table, so that no spreadsheet takes it for a formula.
 
-    Parameters
-    ----------
-    name : str
-        A name from a file. Numbers are written as they are, not through this function.
-
-    Returns
-    -------
-    str
-        `printable`, with an apostrophe before a formula's first character. Commas and quotes stay:
-        `csv.writer` quotes them.
-
-    Examples
-    --------
     >>> csv_cell("=1+2")
     "'=1+2"
     >>> csv_cell("north")

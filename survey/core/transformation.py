@@ -23,21 +23,8 @@ def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatAr
 
     Refuses when PROJ has no path, or places a point outside what the target can show.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Easting and northing [m], or longitude and latitude [deg].
-    source : str, int or pyproj.CRS
-        Of `xy`.
-    target : pyproj.CRS
-        Of the result.
-    where : str
-        What carries the places, for the message.
-
-    Returns
-    -------
-    (N, 2) ndarray
-        Easting and northing, or longitude and latitude, in the target CRS.
+    `xy` (N, 2): easting and northing [m], or longitude and latitude [deg]. Returns (N, 2): easting and
+    northing, or longitude and latitude, in the target CRS.
     """
     origin = known_crs(source, where)
     try:
@@ -50,18 +37,7 @@ def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatAr
 
 
 def missing_grids(group: TransformerGroup) -> list[str]:
-    """Return the names of the grids without which the operations of a group cannot run.
-
-    Parameters
-    ----------
-    group : pyproj.transformer.TransformerGroup
-        Operations between two systems.
-
-    Returns
-    -------
-    list of str
-        File names.
-    """
+    """Return the names of the grids without which the operations of a group cannot run."""
     names = {
         grid.short_name for way in group.unavailable_operations for grid in way.grids if not grid.available
     }
@@ -71,18 +47,8 @@ def missing_grids(group: TransformerGroup) -> list[str]:
 def lacking_grids(crs: Any = "EPSG:32608") -> dict[str, list[str]]:
     """Return, for every known vertical datum, the grids that PROJ lacks to reach it from the ellipsoid.
 
-    Parameters
-    ----------
-    crs : str, int or pyproj.CRS
-        A projected CRS of the region in question.
+    Returns: names of grids by vertical datum; empty lists where nothing lacks.
 
-    Returns
-    -------
-    dict of str to list of str
-        Names of grids by vertical datum; empty lists where nothing lacks.
-
-    Examples
-    --------
     >>> sorted(lacking_grids()) == sorted(VERTICAL_CRS)
     True
     """
@@ -111,26 +77,8 @@ _WGS84 = CRS("EPSG:4326")
 def chosen_crs(longitude_deg: FloatArray, latitude_deg: FloatArray, geographic: Any = _WGS84) -> CRS:
     """Return the projected CRS of places in degrees, on their own geodetic datum.
 
-    Parameters
-    ----------
-    longitude_deg, latitude_deg : (N,) ndarray
-        Places, or the corners of what holds them [deg].
-    geographic : str, int or pyproj.CRS
-        The geographic CRS of the places.
+    `longitude_deg`, `latitude_deg` (N,): places, or the corners of what holds them [deg].
 
-    Returns
-    -------
-    pyproj.CRS
-        The UTM zone of their middle. Beyond 84° N and 80° S the polar stereographic system of
-        EPSG:3413 or EPSG:3031, whose scale is 1 at 70° N or 71° S and up to 3 % less at the pole.
-
-    Raises
-    ------
-    InputError
-        A latitude beyond the poles.
-
-    Examples
-    --------
     >>> chosen_crs(np.array([-135.2, -134.9]), np.array([58.4, 58.5])).to_epsg()
     32608
     >>> chosen_crs(np.array([10.0]), np.array([-85.0])).to_epsg()
@@ -153,18 +101,6 @@ def chosen_crs(longitude_deg: FloatArray, latitude_deg: FloatArray, geographic: 
 def geographic_of(crs: Any) -> CRS:
     """Return the horizontal part of a geographic CRS: longitude and latitude without heights.
 
-    Parameters
-    ----------
-    crs : str, int or pyproj.CRS
-        Geographic; compound and three-dimensional ones give their horizontal part.
-
-    Returns
-    -------
-    pyproj.CRS
-        Two-dimensional.
-
-    Examples
-    --------
     >>> geographic_of("EPSG:4326+5773").to_epsg(), geographic_of("EPSG:4979").to_epsg()
     (4326, 4326)
     """
@@ -176,18 +112,6 @@ def geographic_of(crs: Any) -> CRS:
 def is_geographic(crs: Any) -> bool:
     """Return whether the horizontal part of a CRS is geographic, its coordinates being degrees.
 
-    Parameters
-    ----------
-    crs : str, int, pyproj.CRS or None
-        None stands for an unknown system.
-
-    Returns
-    -------
-    bool
-        False for an unknown system.
-
-    Examples
-    --------
     >>> is_geographic("EPSG:4326+5773"), is_geographic("EPSG:32608"), is_geographic(None)
     (True, False, False)
     """
@@ -197,8 +121,6 @@ def is_geographic(crs: Any) -> bool:
 def coded_crs(crs: CRS) -> CRS | None:
     """Return the registered CRS that equals `crs`, or ``None``.
 
-    Examples
-    --------
     >>> coded_crs(CRS("+proj=utm +zone=8 +datum=WGS84 +units=m")).to_epsg()
     32608
     >>> coded_crs(CRS("+proj=lcc +lat_1=60 +lat_2=62 +lon_0=-123 +datum=WGS84")) is None

@@ -18,22 +18,12 @@ from survey.core.arrays import FloatArray
 class WeightedChiSquare:
     r"""Distribution of :math:`\sum_k \lambda_k X_k^2` for independent standard normal X.
 
-    Parameters
-    ----------
-    mean : float
-        Sum of the weights.
-    variance : float
-        Twice the sum of their squares.
-    n_free : float
-        Degrees of freedom of the chi-square with the same skewness.
+    `mean`: sum of the weights. `variance`: twice the sum of their squares. `n_free`: degrees of freedom of
+    the chi-square with the same skewness.
 
-    Notes
-    -----
     Meant for the upper half: probabilities of 0.8 and more err by less than 0.01. Below the mean, where one
     weight outweighs the others, they do not hold.
 
-    Examples
-    --------
     >>> plain = WeightedChiSquare.of(np.ones(3))
     >>> round(plain.below(7.815), 3), round(plain.quantile(0.95), 3)
     (0.95, 7.815)

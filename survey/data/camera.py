@@ -260,21 +260,10 @@ _CONVERGED = 1e-11  # of the plane z = 1
 def undistorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Return the points of the plane z = 1 that the lens shows at distorted ones.
 
-    Parameters
-    ----------
-    plane : (N, 2) ndarray
-        Distorted points of the plane z = 1.
-    coefficients : (5,) ndarray
-        k1, k2, p1, p2, k3.
+    `plane` (N, 2): distorted points of the plane z = 1. `coefficients` (5,): k1, k2, p1, p2, k3. Returns (N,
+    2): undistorted points; NaN where the lens shows none: beyond the radius at which the radial polynomial
+    stops to grow.
 
-    Returns
-    -------
-    (N, 2) ndarray
-        Undistorted points; NaN where the lens shows none: beyond the radius at which the radial
-        polynomial stops to grow.
-
-    Examples
-    --------
     >>> undistorted(np.array([[0.5, 0.0], [0.9, 0.0]]), np.array([-0.3, 0.0, 0.0, 0.0, 0.0])).round(6).tolist()
     [[0.54988, 0.0], [nan, nan]]
     """
@@ -298,18 +287,8 @@ def undistorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
 def fold_radius(coefficients: FloatArray) -> float:
     """Return the radius on the plane z = 1 beyond which the radial polynomial falls; infinite where it never does.
 
-    Parameters
-    ----------
-    coefficients : (5,) ndarray
-        k1, k2, p1, p2, k3.
+    `coefficients` (5,): k1, k2, p1, p2, k3.
 
-    Returns
-    -------
-    float
-        The least positive root of d/dr (r + k1 r³ + k2 r⁵ + k3 r⁷).
-
-    Examples
-    --------
     >>> round(fold_radius(np.array([-0.3, 0.0, 0.0, 0.0, 0.0])), 4)
     1.0541
     """
@@ -357,20 +336,8 @@ _TOLERANCE = 1e-6
 def refuse_impossible_matrix(matrix: FloatArray, width: int, height: int) -> None:
     """Refuse a camera matrix (3, 3) that describes no lens in front of such an image.
 
-    Parameters
-    ----------
-    matrix : (3, 3) ndarray
-        Camera matrix [pixels].
-    width, height : int
-        Size of the image [pixels].
+    `matrix` (3, 3): camera matrix [pixels]. `width`, `height`: size of the image [pixels].
 
-    Raises
-    ------
-    InputError
-        Transposed, in other units than pixels, or of another image.
-
-    Examples
-    --------
     >>> refuse_impossible_matrix(np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]]), 640, 480)
     """
     (fx, skew, cx), (below, fy, cy), last = matrix.tolist()
@@ -417,18 +384,8 @@ def _refuse_other_rows(matrix: FloatArray, last: list[float], below: float) -> N
 def refuse_impossible_mounting(pose: FloatArray) -> None:
     """Refuse a pose (4, 4) of the camera on the body that is no rotation and shift.
 
-    Parameters
-    ----------
-    pose : (4, 4) ndarray
-        Takes camera coordinates to body coordinates.
+    `pose` (4, 4): takes camera coordinates to body coordinates.
 
-    Raises
-    ------
-    InputError
-        Transposed, without a rotation, or farther from the body than 50 m.
-
-    Examples
-    --------
     >>> refuse_impossible_mounting(np.eye(4))
     """
     rotation = pose[:3, :3]

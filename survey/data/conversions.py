@@ -99,8 +99,6 @@ def _picture(draw: Callable[["Axes"], object]) -> str:
 def value_range(values: npt.NDArray[Any], unit: str = "m") -> str:
     """Return the range of the finite values as text.
 
-    Examples
-    --------
     >>> value_range(np.array([1.0, np.nan, 2.5]))
     '1.0 to 2.5 m'
     """
@@ -109,20 +107,7 @@ def value_range(values: npt.NDArray[Any], unit: str = "m") -> str:
 
 
 def optional(package: str, purpose: str) -> Any:
-    """Import an optional package.
-
-    Parameters
-    ----------
-    package : str
-        Name of the package.
-    purpose : str
-        What needs it, for the message.
-
-    Raises
-    ------
-    InputError
-        When it is not installed.
-    """
+    """Import an optional package."""
     try:
         return import_module(package)
     except ImportError as error:
@@ -140,16 +125,7 @@ def to_dataset(
 ) -> "Dataset":
     """Return an `xarray.Dataset` with dimensions y and x and CF grid-mapping metadata.
 
-    Parameters
-    ----------
-    variables : mapping of str to ((H, W) ndarray, str)
-        Values and unit of each variable.
-    x, y : (W,) and (H,) ndarray
-        Easting and northing of the cell centres [m].
-    crs : pyproj.CRS
-        Of the coordinates.
-    facts : mapping of str to str
-        Attributes of the dataset.
+    `x`, `y` (W,) and (H,): easting and northing of the cell centres [m].
     """
     xarray = optional("xarray", "to_xarray")
     mapping = {"grid_mapping": "spatial_ref"}
@@ -169,14 +145,7 @@ def to_dataset(
 def to_geodataframe(geometry: Sequence[Any], columns: Mapping[str, Any], crs: CRS) -> "GeoDataFrame":
     """Return a `geopandas.GeoDataFrame` with one row for each geometry.
 
-    Parameters
-    ----------
-    geometry : sequence of shapely.Geometry
-        Geometries [m].
-    columns : mapping of str to sequence
-        Attributes, one value for each geometry.
-    crs : pyproj.CRS
-        Of the geometries.
+    `geometry`: geometries [m].
     """
     geopandas = optional("geopandas", "to_geodataframe")
     frame: GeoDataFrame = geopandas.GeoDataFrame(dict(columns), geometry=list(geometry), crs=crs)

@@ -112,20 +112,7 @@ class ImageFiles:
 def read_image(path: str | Path) -> Image:
     """Read an 8-bit image, grey or blue-green-red.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        PNG, JPEG or another format of OpenCV.
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) ndarray of uint8
-        The pixels.
-
-    Raises
-    ------
-    InputError
-        Missing, truncated, no image, or of another depth than 8 bits.
+    Returns (H, W) or (H, W, 3): the pixels.
     """
     import cv2
 
@@ -155,13 +142,8 @@ class FrameWriter:
     made, so that an image must not be changed once it is added. A failed write raises an error
     a few images later, or at the end.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        Created if missing.
+    `folder`: created if missing.
 
-    Examples
-    --------
     >>> import tempfile
     >>> import numpy as np
     >>> from survey.data.frames import Frames
@@ -182,12 +164,7 @@ class FrameWriter:
     def add(self, time_s: float, image: Image) -> None:
         """Queue one more image for writing.
 
-        Parameters
-        ----------
-        time_s : float
-            Its time [s].
-        image : (H, W) or (H, W, 3) ndarray of uint8
-            Grey, or blue, green, red.
+        `time_s`: its time [s]. `image` (H, W) or (H, W, 3): grey, or blue, green, red.
         """
         name = f"{len(self._rows):06d}.png"
         self._rows.append(f"{float(time_s)!r},{name}")
@@ -214,13 +191,7 @@ class FrameWriter:
 
 
 def png_of_frame(image: Image, time_s: float) -> bytes:
-    """Encode a camera's image as lossless PNG; `time_s` names it where that fails.
-
-    Raises
-    ------
-    InputError
-        The image is not of 8 bits.
-    """
+    """Encode a camera's image as lossless PNG; `time_s` names it where that fails."""
     import cv2
 
     # The noise of a sensor repeats no strings, so none are searched for: files are an eighth smaller than with level 1,

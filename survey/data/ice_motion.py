@@ -276,15 +276,7 @@ _FORMAT = "firnline-ice-motion-1"
 
 
 def write_motion(motion: IceMotion, path: str | Path) -> None:
-    """Write a motion as a JSON document, with its rates at the origin.
-
-    Parameters
-    ----------
-    motion : IceMotion
-        Estimate.
-    path : str or pathlib.Path
-        The file.
-    """
+    """Write a motion as a JSON document, with its rates at the origin."""
     at_origin = motion.origin_m[None]
     names = ("velocity_east", "velocity_north", "rise")
     rates, sigma = motion.rates(at_origin)[0].tolist(), motion.rates_sigma(at_origin)[0].tolist()
@@ -303,23 +295,7 @@ def write_motion(motion: IceMotion, path: str | Path) -> None:
 
 
 def read_motion(path: str | Path) -> IceMotion:
-    """Read the document of `write_motion`.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    IceMotion
-        Equal to the one written.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged.
-    """
+    """Read the document of `write_motion`."""
     content = read_json(path, "the motion of the ice")
     try:
         coefficients = np.array(content["coefficients"], dtype=np.float64)

@@ -28,18 +28,8 @@ def far_share(range_m: FloatArray) -> FloatArray:
     At grazing angles a camera sees crests and not the troughs between them, so what it sees lies above the mean
     ground.
 
-    Parameters
-    ----------
-    range_m : (N,) ndarray
-        Distance at first sight [m].
+    `range_m` (N,): distance at first sight [m]. Returns (N,): between 0 and 1.
 
-    Returns
-    -------
-    (N,) ndarray
-        Between 0 and 1.
-
-    Examples
-    --------
     >>> far_share(np.array([5.0, 12.5, 30.0]))
     array([0. , 0.5, 1. ])
     """
@@ -49,17 +39,8 @@ def far_share(range_m: FloatArray) -> FloatArray:
 def stretches(points: SurfacePoints, drive: IntArray | None = None) -> IntArray | None:
     """Return the number of the stretch of `STRETCH_M` of travel that each point was seen from.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Landmarks.
-    drive : (N,) ndarray of int, optional
-        Number of the drive of each landmark; drives share no stretch.
-
-    Returns
-    -------
-    (N,) ndarray of int or None
-        Numbers from 0 on, of those stretches that points were seen from; None for points that name no keyframe.
+    `drive` (N,) int: number of the drive of each landmark; drives share no stretch. Returns (N,) int: numbers
+    from 0 on, of those stretches that points were seen from; None for points that name no keyframe.
     """
     if points.keyframe is None or points.body is None:
         return None
@@ -107,32 +88,12 @@ def most_informative(
     the path share is an unknown beside the nodes. Sites of more than 2500 nodes
     are represented on coarser ones.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Candidates.
-    n : int
-        Number of points to select.
-    bounds : (west, south, east, north)
-        Bounds of the wanted map [m], in the CRS of the points.
-    variance_m2, length_scale_m : float
-        Variance [m²] and length scale [m] of the terrain about its prior.
-    shared_sigma_m : float
-        Error of height that points share which were seen from one stretch of the path [m]; not of points that name no
-        keyframe.
+    `bounds` (west, south, east, north): bounds of the wanted map [m], in the CRS of the points.
+    `variance_m2`, `length_scale_m`: variance [m²] and length scale [m] of the terrain about its prior.
+    `shared_sigma_m`: error of height that points share which were seen from one stretch of the path [m]; not
+    of points that name no keyframe. Returns (min(n, N),) int: indices into `points`, the most informative
+    first.
 
-    Returns
-    -------
-    (min(n, N),) ndarray of int
-        Indices into `points`, the most informative first.
-
-    Raises
-    ------
-    InputError
-        `n`, `variance_m2` or `length_scale_m` is not above 0.
-
-    Examples
-    --------
     Of two good points side by side and a bad one far away, the bad one is more informative
     than the second good one:
 

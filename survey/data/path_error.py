@@ -27,13 +27,8 @@ _SIDES_AT_ONCE = 64
 class SparseFactor:
     """Factorization of a symmetric positive definite matrix (S, S), to solve with.
 
-    Parameters
-    ----------
-    factor : scipy.sparse.linalg.SuperLU
-        Of the matrix.
+    `factor`: of the matrix.
 
-    Examples
-    --------
     >>> factor = SparseFactor.of(sparse.diags_array([2.0, 4.0]))
     >>> factor.solve(np.array([1.0, 1.0]))
     array([0.5 , 0.25])
@@ -43,18 +38,7 @@ class SparseFactor:
 
     @classmethod
     def of(cls, matrix: Any) -> Self:
-        """Factorize a sparse matrix.
-
-        Parameters
-        ----------
-        matrix : scipy.sparse array
-            (S, S), symmetric positive definite.
-
-        Returns
-        -------
-        SparseFactor
-            Solves with `matrix`.
-        """
+        """Factorize a sparse matrix."""
         options = {"SymmetricMode": True}
         return cls(
             splu(
@@ -68,15 +52,7 @@ class SparseFactor:
     def solve(self, sides: FloatArray) -> FloatArray:
         """Return the solutions of one or several right-hand sides.
 
-        Parameters
-        ----------
-        sides : (S,) or (S, R) ndarray
-            Right-hand sides.
-
-        Returns
-        -------
-        ndarray
-            Of the shape of `sides`, in column order.
+        `sides` (S,) or (S, R): right-hand sides.
         """
         if sides.ndim == 1:
             solved: FloatArray = self.factor.solve(sides)
@@ -423,22 +399,7 @@ def _keyframes_first(n_of_keyframes: list[int], n_unknowns: list[int]) -> IntArr
 
 
 def motion_rows(path: PathError, n_unknowns: int, n_columns: int | None = None) -> Any:
-    """Return the sparse rows (R, columns) that pick the unknowns of the ice's motion among those of a path.
-
-    Parameters
-    ----------
-    path : PathError
-        Error of a path that was estimated in coordinates of the ice.
-    n_unknowns : int
-        R; they stand behind the keyframes.
-    n_columns : int, optional
-        Number of columns; that of the path's unknowns by default.
-
-    Returns
-    -------
-    scipy.sparse.csr_array
-        Rows with a single 1.
-    """
+    """Return the sparse rows (R, columns) that pick the unknowns of the ice's motion among those of a path."""
     every = np.arange(n_unknowns)
     place = (every, len(path) * path.n_states + every)
     shape = (n_unknowns, path.n_unknowns if n_columns is None else n_columns)

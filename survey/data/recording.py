@@ -53,8 +53,6 @@ class SensorTables(DataObject):
 def table_types() -> dict[str, Any]:
     """Return the record type of every table of a recording, by the table's name.
 
-    Examples
-    --------
     >>> table_types()["base"].__name__
     'GpsFixes'
     """
@@ -66,8 +64,6 @@ def table_types() -> dict[str, Any]:
 def table_file(name: str) -> str:
     """Return the name of the file, or folder, of a table in a recording's folder.
 
-    Examples
-    --------
     >>> table_file("gps"), table_file("loop_closures")
     ('gps.csv', 'closures.csv')
     """

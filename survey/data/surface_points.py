@@ -404,14 +404,7 @@ def places_of(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatAr
 
 
 def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
-    """Project places in degrees to the named CRS or to their UTM zone, and log it; leave metres as they are.
-
-    Raises
-    ------
-    InputError
-        A table in degrees with the sensor's places in metres of an unknown CRS, places beyond the CRS, or
-        easting and northing that are exchanged or degrees.
-    """
+    """Project places in degrees to the named CRS or to their UTM zone, and log it; leave metres as they are."""
     stated = None if table.crs is None else known_crs(table.crs, where)
     if stated is None or not stated.is_geographic:
         _refuse_misplaced(table, stated or crs, where)

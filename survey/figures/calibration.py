@@ -170,19 +170,8 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
 def withheld_plot(reliability: Mapping[float, float], coverage: FloatArray, bounds: Bounds) -> Figure:
     """Draw the reliability diagram of a map in tiles, and where its 95 % intervals held the withheld cells.
 
-    Parameters
-    ----------
-    reliability : mapping of float to float
-        Share of withheld cells within the interval of each nominal coverage.
-    coverage : (H, W) ndarray
-        Share of withheld cells within the 95 % interval, in blocks, the first row the southern one; NaN without cells.
-    bounds : (xmin, ymin, xmax, ymax)
-        Edges of the blocks [m].
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    `coverage` (H, W): share of withheld cells within the 95 % interval, in blocks, the first row the southern
+    one; NaN without cells. `bounds` (xmin, ymin, xmax, ymax): edges of the blocks [m].
     """
     figure = Figure(figsize=(FULL_IN, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -92,8 +92,6 @@ def cross_line(swath: Leg, terrain: Dem, area: SurveyArea | None = None) -> Floa
 
     It runs to the outermost nodes of the terrain or to the outline of the area.
 
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
     >>> cross_line(Leg("swath", [[0.0, 5.0], [40.0, 5.0]]), Dem.on(grid, np.zeros(grid.shape)))

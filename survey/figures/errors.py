@@ -277,27 +277,7 @@ _MOST_QUANTILES = 2000
 
 @styled
 def residual_map(errors: CheckpointErrors, dem: Dem, area: SurveyArea | None = None) -> Figure:
-    """Draw the residual at each checkpoint over the relief of the map.
-
-    Parameters
-    ----------
-    errors : CheckpointErrors
-        With the places of the checkpoints.
-    dem : Dem
-        The map, for its relief.
-    area : SurveyArea, optional
-        Its outline is drawn.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page; colours are symmetric about zero, and up to 40 points are named.
-
-    Raises
-    ------
-    InputError
-        Errors without places.
-    """
+    """Draw the residual at each checkpoint over the relief of the map."""
     if errors.xyz is None:
         raise InputError("the checkpoint errors have no places; compute them with compare.")
     drawing = map_figure(FULL_IN, _view(errors.xyz, dem, area))
@@ -339,20 +319,8 @@ def _view(xyz: FloatArray, dem: Dem, area: SurveyArea | None) -> Bounds:
 def residual_histogram(errors: FloatArray, statistics: ErrorStatistics) -> Figure:
     """Draw the distribution of residuals with the normal curve of their mean and standard deviation.
 
-    Parameters
-    ----------
-    errors : (N,) ndarray
-        Residuals [m].
-    statistics : ErrorStatistics
-        Of the same residuals.
+    `errors` (N,): residuals [m].
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
-
-    Examples
-    --------
     >>> residuals = np.array([-0.1, 0.0, 0.02, 0.1])
     >>> residual_histogram(residuals, ErrorStatistics.of(residuals)).axes[0].get_xlabel()
     'Residual [m]'
@@ -385,20 +353,8 @@ def residual_quantiles(errors: FloatArray, statistics: ErrorStatistics) -> Figur
     Points on the line are normal with the residuals' median and NMAD; tails that bend away from it are heavier or
     lighter, and then NMAD and percentiles describe the errors better than the RMSE.
 
-    Parameters
-    ----------
-    errors : (N,) ndarray
-        Residuals [m]; of more than 2000 every n-th in order is drawn.
-    statistics : ErrorStatistics
-        Of the same residuals.
+    `errors` (N,): residuals [m]; of more than 2000 every n-th in order is drawn.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
-
-    Examples
-    --------
     >>> residuals = np.array([-0.1, 0.0, 0.02, 0.1])
     >>> residual_quantiles(residuals, ErrorStatistics.of(residuals)).axes[0].get_ylabel()
     'Residual [m]'

@@ -125,8 +125,6 @@ def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> No
 def _decimals(longer_m: float, shorter_m: float) -> int:
     """Return the number of decimals that distinguish the labels of the shorter side.
 
-    Examples
-    --------
     >>> _decimals(600.0, 300.0), _decimals(12.0, 6.0), _decimals(0.5, 0.25)
     (0, 1, 2)
     """
@@ -138,8 +136,6 @@ def _decimals(longer_m: float, shorter_m: float) -> int:
 def grouped(value: float, decimals: int = 0) -> str:
     """Write a number with thin spaces between thousands.
 
-    Examples
-    --------
     >>> grouped(6712400.0).split()
     ['6', '712', '400']
     """
@@ -209,18 +205,7 @@ _LETTERS = 40
 
 @styled
 def narrow_image(figure: Figure) -> Image:
-    """Draw a wide figure for a phone; the figure itself stays as it is.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        A figure as wide as a page, of maps or of panels in rows and columns.
-
-    Returns
-    -------
-    PIL.Image.Image
-        RGB, `NARROW_IN` wide.
-    """
+    """Draw a wide figure for a phone; the figure itself stays as it is."""
     with _narrowed(figure):
         return page_image(figure)
 

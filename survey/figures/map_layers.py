@@ -135,8 +135,6 @@ def _draw_leg(axes: Axes, leg: Leg, colour: str) -> None:
 def along(xy: FloatArray, shares: npt.ArrayLike) -> FloatArray:
     """Return the places (..., 2) at shares of the length of a polyline (N, 2).
 
-    Examples
-    --------
     >>> along(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]), 0.75)
     array([4., 2.])
     """

@@ -275,18 +275,6 @@ def clipped(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
 def width_map(reconstruction: Reconstruction) -> Figure:
     """Draw the distance between the lower and the upper bound of the elevation.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        The map; without bounds of its own those of its standard deviation are drawn.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
-
-    Examples
-    --------
     >>> from survey.data.dem import Dem
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
@@ -418,20 +406,8 @@ def landmark_map(
 def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -> Figure:
     """Draw the difference of two surveys; changes that are not significant are veiled.
 
-    Parameters
-    ----------
-    change : Change
-        The surveys' difference.
-    outlines : mapping of str to polygon
-        Drawn on top [m].
+    `outlines`: drawn on top [m].
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
-
-    Examples
-    --------
     >>> import shapely
     >>> from survey.data.dem import Dem
     >>> from survey.data.grid import Grid

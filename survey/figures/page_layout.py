@@ -33,12 +33,7 @@ class Column(NamedTuple):
 class Page:
     """A4 page that is filled from its top down.
 
-    Parameters
-    ----------
-    title : str
-        Heading of the page.
-    subtitle : str
-        Line below it.
+    `title`: heading of the page. `subtitle`: line below it.
     """
 
     def __init__(self, title: str, subtitle: str) -> None:
@@ -161,8 +156,6 @@ class Page:
 def _round_scale(least: float) -> int:
     """Return the smallest round denominator of a scale that is not below a number.
 
-    Examples
-    --------
     >>> _round_scale(8_311.0), _round_scale(10_001.0)
     (10000, 12500)
     """

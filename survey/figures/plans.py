@@ -121,23 +121,7 @@ def season_plot(
 ) -> Figure:
     """Draw the error of a season's mass balance against swaths, and the parts of the chosen design.
 
-    Parameters
-    ----------
-    errors : mapping of int to sequence of tuple
-        Number of stakes: pairs of a number of swaths and half the 95 % interval, in `unit`.
-    wanted : float
-        Half the 95 % interval that is wanted, in `unit`.
-    chosen : tuple of int and float
-        Swaths and error of the chosen design.
-    parts_m : mapping of str to float
-        Standard deviations of the chosen design by cause [m].
-    unit : str
-        Unit of the errors.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page: two axes.
+    `parts_m`: standard deviations of the chosen design by cause [m].
     """
     figure = Figure(figsize=(FULL_IN, 2.9), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))

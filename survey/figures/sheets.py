@@ -47,18 +47,9 @@ from survey.io.vector import WGS84
 class RoverEffort(NamedTuple):
     """Length [m], turns, time [s] and energy [J] of one rover, and the batteries that it uses up.
 
-    Parameters
-    ----------
-    length_m : float
-        Length of its legs on the ground [m].
-    n_turns : int
-        Number of turns.
-    time_s : float
-        Time of driving [s].
-    energy_j : float
-        Energy that it takes from the battery [J].
-    batteries : float, optional
-        Energy in full batteries; None where the size of a battery was not stated.
+    `length_m`: length of its legs on the ground [m]. `n_turns`: number of turns. `time_s`: time of driving
+    [s]. `energy_j`: energy that it takes from the battery [J]. `batteries`: energy in full batteries; None
+    where the size of a battery was not stated.
     """
 
     length_m: float
@@ -72,30 +63,11 @@ class RoverEffort(NamedTuple):
 class PlanContent:
     """A plan with what its sheets state.
 
-    Parameters
-    ----------
-    title : str
-        Name of the survey.
-    date : str
-        Date of the plan.
-    area : SurveyArea
-        Outline and no-go zones.
-    route : Route
-        In the CRS of the area.
-    efforts : tuple of RoverEffort
-        One for each rover.
-    swaths_text : str
-        Number of swaths, such as ``"6 lines in 10 pieces"``.
-    time_s : float
-        Time until the last rover is done [s].
-    terrain : Dem, optional
-        Prior terrain.
-    std : Dem, optional
-        Predicted standard deviation of the map [m].
-    left_out : tuple of (shapely.Polygon, str)
-        Pieces of the area where rovers cannot be, with the reason.
-    assumptions : tuple of str
-        What the numbers rest on, one sentence each.
+    `title`: name of the survey. `date`: date of the plan. `area`: outline and no-go zones. `route`: in the
+    CRS of the area. `efforts`: one for each rover. `swaths_text`: number of swaths, such as ``"6 lines in 10
+    pieces"``. `time_s`: time until the last rover is done [s]. `terrain`: prior terrain. `std`: predicted
+    standard deviation of the map [m]. `left_out`: pieces of the area where rovers cannot be, with the reason.
+    `assumptions`: what the numbers rest on, one sentence each.
     """
 
     title: str
@@ -144,19 +116,7 @@ _MOST_CORNERS = 250
 
 @styled
 def plan_sheets(content: PlanContent) -> list[Figure]:
-    """Draw the sheets of a plan on A4 pages.
-
-    Parameters
-    ----------
-    content : PlanContent
-        The plan, in a CRS that can be transformed to degrees.
-
-    Returns
-    -------
-    list of matplotlib.figure.Figure
-        The overview; the predicted standard deviation where it is known; for each rover a map with its
-        swaths; tables go on on further pages.
-    """
+    """Draw the sheets of a plan on A4 pages."""
     pages = _overview(content)
     if content.std is not None:
         pages.append(_deviation_page(content, content.std))
@@ -169,20 +129,7 @@ def plan_sheets(content: PlanContent) -> list[Figure]:
 
 @styled
 def pdf_bytes(figures: Sequence[Figure], title: str) -> bytes:
-    """Return figures as the pages of a PDF file; the same figures give the same bytes.
-
-    Parameters
-    ----------
-    figures : sequence of matplotlib.figure.Figure
-        One page each.
-    title : str
-        Title of the document.
-
-    Returns
-    -------
-    bytes
-        A PDF file.
-    """
+    """Return figures as the pages of a PDF file; the same figures give the same bytes."""
     buffer = io.BytesIO()
     facts = {"Title": title, "Creator": "firnline", "CreationDate": None}
     with PdfPages(buffer, metadata=facts) as pages:

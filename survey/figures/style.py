@@ -124,16 +124,6 @@ def page_image(figure: Figure) -> Image:
 
     `Figure.savefig` draws a figure with a layout engine twice; here it is laid out and drawn at once, with the same
     pixels. Canvas and resolution of the figure stay as they are.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Any figure of this package, of an opaque background.
-
-    Returns
-    -------
-    PIL.Image.Image
-        RGB.
     """
     canvas, dpi = figure.canvas, figure.dpi
     drawn: Any = FigureCanvasAgg(figure)

@@ -19,25 +19,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def opened_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
-    """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS.
-
-    Parameters
-    ----------
-    place : Path
-        A ``.bag`` of ROS 1, or the folder of a ROS 2 bag.
-    files : sequence of Path
-        Files of a ROS 1 bag that was split, which are read as one; none where it was not.
-
-    Yields
-    ------
-    rosbags.highlevel.AnyReader
-        Reader of the bag.
-
-    Raises
-    ------
-    InputError
-        rosbags is not installed, or the bag is damaged, which may appear while it is read.
-    """
+    """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.rosbag1 import ReaderError as FirstReaderError
@@ -63,22 +45,8 @@ _CLOUD = "sensor_msgs/msg/PointCloud2"
 def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
     """Yield the clouds of a ROS 1 or ROS 2 recording.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        A ``.bag`` of ROS 1; or the folder of a ROS 2 recording, or the ``.db3`` or ``.mcap`` file in it.
-
-    Yields
-    ------
-    time_s : float
-        Time of the message [s].
-    xyz : (N, 3) ndarray
-        Places in the sensor's frame [m]; points that say NaN met nothing and are left out.
-
-    Raises
-    ------
-    InputError
-        The recording is damaged, holds no cloud or several topics of them, or rosbags is not installed.
+    Yields `time_s`: time of the message [s]. `xyz` (N, 3): places in the sensor's frame [m]; points that say
+    NaN met nothing and are left out.
     """
     place = path.parent if path.suffix in {".db3", ".mcap"} else path
     with opened_bag(place) as reader:
@@ -99,13 +67,7 @@ def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
 
 
 def cloud_xyz(message: Any, path: Path) -> FloatArray:
-    """Return x, y and z (N, 3) [m] of a PointCloud2, from its fields' offsets.
-
-    Raises
-    ------
-    InputError
-        A field is missing or no 32- or 64-bit float.
-    """
+    """Return x, y and z (N, 3) [m] of a PointCloud2, from its fields' offsets."""
     kinds = {7: "f4", 8: "f8"}
     fields = {field.name: field for field in message.fields}
     order = ">" if message.is_bigendian else "<"

@@ -37,25 +37,7 @@ FileKind = Literal["raster", "points", "track", "area"]
 
 
 def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = None) -> None:
-    """Write what a file holds in the format that the other's ending names.
-
-    Parameters
-    ----------
-    source, out : str or pathlib.Path
-        Rasters are read from whatever GDAL knows and written as .tif, .asc or .nc; points as .csv, .gpkg,
-        .geojson, .las, .laz or .ply; trajectories (.csv, .tum) as .tum, .txt (KITTI), .gpx or .gpkg; tracks of
-        places (.gpx, .gpkg) as .gpx or .gpkg; areas
-        as .geojson, .gpkg, .kml or .shp.
-    kind : {"raster", "points", "track", "area"}
-        What the source holds.
-    crs : str or pyproj.CRS, optional
-        Of files that carry none; for areas, the projected CRS to write in.
-
-    Raises
-    ------
-    InputError
-        A source that is damaged or names no CRS, an ending that no format has.
-    """
+    """Write what a file holds in the format that the other's ending names."""
     if kind == "raster":
         _raster(source, out, crs)
     elif kind == "points":
@@ -135,25 +117,6 @@ def kind_of(source: str | Path, out: str | Path) -> ContentKind:
     The columns of a text table decide, and the geometries of a vector file: lines are a route,
     polygons an area, points alone are points.
 
-    Parameters
-    ----------
-    source : str or pathlib.Path
-        The file; read where its ending stands for several kinds.
-    out : str or pathlib.Path
-        The file to write; only its ending is used.
-
-    Returns
-    -------
-    {"raster", "route", "points", "track", "area"}
-        What `source` holds.
-
-    Raises
-    ------
-    InputError
-        The content decides, and the file is missing, empty or damaged.
-
-    Examples
-    --------
     >>> kind_of("map.nc", "map.tif"), kind_of("path.tum", "path.gpx"), kind_of("survey.plan", "a.kml")
     ('raster', 'track', 'route')
     """

@@ -138,18 +138,8 @@ class Surroundings:
 def fence_outline(area: SurveyArea) -> Polygon:
     """Return the outline within which a rover has to stay: that of the area, a margin outside, without holes.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        Of several parts, their convex hull counts.
+    Returns: in the CRS of the area [m].
 
-    Returns
-    -------
-    shapely.Polygon
-        In the CRS of the area [m].
-
-    Examples
-    --------
     >>> fence_outline(SurveyArea.rectangle((0.0, 0.0, 80.0, 40.0), "EPSG:32608")).bounds
     (-10.0, -10.0, 90.0, 50.0)
     """
@@ -162,15 +152,7 @@ def fence_outline(area: SurveyArea) -> Polygon:
 def no_go_outlines(area: SurveyArea) -> list[Polygon]:
     """Return the no-go zones of an area and its holes, without holes of their own.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        With its zones.
-
-    Returns
-    -------
-    list of shapely.Polygon
-        In the CRS of the area [m].
+    Returns: in the CRS of the area [m].
     """
     holes = [ring for part in shapely.get_parts(area.polygon) for ring in part.interiors]
     return [Polygon(zone.exterior) for zone in area.no_go] + [Polygon(ring) for ring in holes]
@@ -234,25 +216,7 @@ def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
 
 
 def mission_items(route: Route, around: Surroundings) -> list[MissionItem]:
-    """Return the commands that a mission file of a route holds.
-
-    Parameters
-    ----------
-    route : Route
-        Of one rover.
-    around : Surroundings
-        Terrain, speed and return.
-
-    Returns
-    -------
-    list of MissionItem
-        Speed, waypoints with heights relative to the start, return; without the home position.
-
-    Raises
-    ------
-    InputError
-        Several rovers, or a CRS that no transformation ties to the Earth.
-    """
+    """Return the commands that a mission file of a route holds."""
     waypoints = _waypoints(route, Path("the mission"))
     return _commands(waypoints, around.heights(route.path()), around)
 
@@ -321,17 +285,7 @@ def _mean_speed(route: Route) -> float:
 def fence_polygons(route: Route, around: Surroundings) -> list[dict[str, Any]]:
     """Return the outline of the area as inclusion and its no-go zones as exclusions.
 
-    Parameters
-    ----------
-    route : Route
-        Its CRS is that of the area.
-    around : Surroundings
-        Area, or none.
-
-    Returns
-    -------
-    list of dict
-        Polygons of a plan file: corners as latitude and longitude [deg].
+    Returns: polygons of a plan file: corners as latitude and longitude [deg].
     """
     if around.area is None:
         return []

@@ -166,22 +166,7 @@ def _legs(file: Path, crs: CRS) -> tuple[Leg, ...]:
 def part_of_rover(route: Route, rover: int | None) -> Route:
     """Return the legs of one rover.
 
-    Parameters
-    ----------
-    route : Route
-        Of one or several rovers.
-    rover : int, optional
-        Counted from 0; all rovers when left out.
-
-    Returns
-    -------
-    Route
-        As that of rover 0.
-
-    Raises
-    ------
-    InputError
-        The route does not have that rover.
+    Returns: as that of rover 0.
     """
     if rover is None:
         return route

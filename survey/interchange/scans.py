@@ -37,13 +37,7 @@ class SensorPath(NamedTuple):
 
     @classmethod
     def read(cls, path: str | Path) -> "SensorPath":
-        """Read a TUM file.
-
-        Raises
-        ------
-        InputError
-            Missing or damaged, fewer than two poses, or times that do not ascend.
-        """
+        """Read a TUM file."""
         rows = read_tum(path)
         if len(rows) < 2 or (np.diff(rows[:, 0]) <= 0).any():
             raise InputError(
@@ -67,13 +61,7 @@ class SensorPath(NamedTuple):
 
 
 def scan_files(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the scan files among paths, folders opened and sorted by name.
-
-    Raises
-    ------
-    InputError
-        A path that does not exist or whose ending is not known, or no scan at all.
-    """
+    """Return the scan files among paths, folders opened and sorted by name."""
     known = _NPZ + _TABLES + _BAGS + _KITTI
     files: list[Path] = []
     for source in map(Path, sources):
@@ -99,26 +87,7 @@ def read_scans(
     recording and KITTI scans are in the sensor's frame and need the trajectory's attitude too. The
     time of a KITTI scan is described at `survey.interchange.scans.kitti_time_s`.
 
-    Parameters
-    ----------
-    files : sequence of pathlib.Path
-        As `scan_files` gives them.
-    crs : str or pyproj.CRS
-        Of points whose file names none.
-    sigma_m : float, optional
-        Standard deviation of heights [m] for files that state none.
-    track : Track, optional
-        Where the sensor was.
-
-    Yields
-    ------
-    SurfacePoints
-        One scan. A scan without place of its sensor has no origins.
-
-    Raises
-    ------
-    InputError
-        Damaged or empty files, NaN, no CRS, no standard deviation, times beyond the trajectory.
+    `sigma_m`: standard deviation of heights [m] for files that state none.
     """
     datum = UNSTATED
     for file in files:
@@ -231,18 +200,7 @@ class SensorScans(NamedTuple):
 
 
 def holds_sensor_scans(source: str | Path) -> bool:
-    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI scans or a bag.
-
-    Parameters
-    ----------
-    source : str or pathlib.Path
-        File or folder.
-
-    Returns
-    -------
-    bool
-        False for points in a CRS.
-    """
+    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI scans or a bag."""
     place = Path(source)
     if place.is_dir():
         is_recorded = is_lidar_folder(place) or is_lidar_folder(place / _LIDAR)
@@ -258,25 +216,8 @@ def read_sensor_scans(
     Those of a recording are in the frame of the vehicle, and each return has its time. KITTI scans and clouds have
     one time for all returns, and the path has to be that of the scanner.
 
-    Parameters
-    ----------
-    source : str or pathlib.Path
-        Recording or its folder ``lidar``; KITTI ``.bin``, a folder of them, or a raw drive with ``velodyne_points``;
-        ``.bag`` of ROS 1; ROS 2 bag, its folder or the ``.db3`` or ``.mcap`` in it.
-    pose_times_s : (N,) ndarray
-        Times of the poses of the path [s], for KITTI scans without ``times.txt``.
-    sigma_m : float, optional
-        Standard deviation of a range [m]; needed where the source states none.
-
-    Returns
-    -------
-    SensorScans
-        Read when they are used.
-
-    Raises
-    ------
-    InputError
-        Missing or damaged files, or no standard deviation.
+    `pose_times_s` (N,): times of the poses of the path [s], for KITTI scans without ``times.txt``. `sigma_m`:
+    standard deviation of a range [m]; needed where the source states none.
     """
     place = Path(source)
     for folder in (place, place / _LIDAR):
@@ -331,21 +272,8 @@ _TIMESTAMPS, _DATES = "times.txt", "timestamps.txt"
 def read_kitti_scan(path: str | Path) -> FloatArray:
     """Read the points of one scan.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A ``.bin`` file.
-
-    Returns
-    -------
-    (N, 3) ndarray
-        Points in the sensor's frame (x forward, y left, z up) [m]; points at the sensor itself mark missing
-        returns and are left out.
-
-    Raises
-    ------
-    InputError
-        Missing, empty, cut off, no point with a return, or numbers that are no distances.
+    Returns (N, 3): points in the sensor's frame (x forward, y left, z up) [m]; points at the sensor itself
+    mark missing returns and are left out.
     """
     file = existing_file(path, "the scan")
     size = file.stat().st_size
@@ -367,24 +295,10 @@ def read_kitti_scan(path: str | Path) -> FloatArray:
 def kitti_time_s(path: str | Path, pose_times_s: FloatArray) -> float:
     """Return the time of a scan by the number in its name.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The scan, such as ``velodyne/000012.bin``.
-    pose_times_s : (N,) ndarray
-        Times of the poses of the trajectory [s].
-
-    Returns
-    -------
-    float
-        The line of that number in ``times.txt``, or in ``timestamps.txt`` with dates in UTC (seconds since 1970), in
-        the folder of the scan or the one above; where there is none, the time of the pose of that number, for
-        KITTI has one pose for each scan [s].
-
-    Raises
-    ------
-    InputError
-        A name that is no number, or a number without a time.
+    `pose_times_s` (N,): times of the poses of the trajectory [s]. Returns: the line of that number in
+    ``times.txt``, or in ``timestamps.txt`` with dates in UTC (seconds since 1970), in the folder of the scan
+    or the one above; where there is none, the time of the pose of that number, for KITTI has one pose for
+    each scan [s].
     """
     file = Path(path)
     if not file.stem.isdecimal():

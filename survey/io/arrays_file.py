@@ -25,22 +25,7 @@ _CRC = "crc32"
 
 
 def write_npz(path: str | Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
-    """Write arrays and the checksum of their names, types, shapes and values.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The ``.npz`` file; equal arrays give equal bytes.
-    arrays : mapping of str to array_like
-        No name may be ``crc32``.
-    compressed : bool
-        Whether to deflate the arrays.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
+    """Write arrays and the checksum of their names, types, shapes and values."""
     held = {name: np.asarray(values) for name, values in arrays.items()}
     held[_CRC] = np.frombuffer(_checksum(held).encode("ascii"), dtype=np.uint8)
     buffer = io.BytesIO()
@@ -51,28 +36,7 @@ def write_npz(path: str | Path, arrays: Mapping[str, Any], *, compressed: bool =
 
 
 def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
-    """Read arrays that `write_npz` wrote, and check their checksum.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The ``.npz`` file.
-    what : str
-        What it holds, for messages: "the terrain model".
-    remedy : str
-        How to get the file again, for messages: "save it again".
-
-    Returns
-    -------
-    dict
-        Arrays by name.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, or carries no checksum because another program or an older
-        version of firnline wrote it.
-    """
+    """Read arrays that `write_npz` wrote, and check their checksum."""
     file = existing_file(path, what)
     arrays = load_npz(file, what, remedy)
     try:
@@ -88,29 +52,7 @@ def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
 
 
 def load_npz(file: Path, what: str, remedy: str) -> dict[str, Any]:
-    """Read the arrays of any ``.npz`` file; nothing is unpickled, and claims are checked before memory is taken.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        From `survey.core.files.existing_file`.
-    what : str
-        What it holds, for messages.
-    remedy : str
-        How to get it again, for messages.
-
-    Returns
-    -------
-    dict
-        Arrays by name.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or an array claims more values than are stored.
-    CapacityError
-        The arrays take more than `LARGEST_BYTES`.
-    """
+    """Read the arrays of any ``.npz`` file; nothing is unpickled, and claims are checked before memory is taken."""
     try:
         _check_claims(file, what)
         with np.load(file, allow_pickle=False) as stored:
@@ -150,48 +92,13 @@ def _claimed_bytes(stream: IO[bytes]) -> int:
 
 
 def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
-    """Write arrays with JSON facts; equal content gives equal bytes.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    kind : str
-        Name and version of the format, such as ``tin 1``.
-    facts : mapping
-        What JSON can hold.
-    arrays : mapping of str to array_like
-        Arrays by name.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
+    """Write arrays with JSON facts; equal content gives equal bytes."""
     text = json.dumps({"format": kind, **facts}, sort_keys=True)
     write_npz(path, {"facts": np.frombuffer(text.encode("utf-8"), dtype=np.uint8), **arrays})
 
 
 def read_arrays(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the facts and arrays that `write_arrays` wrote.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    kind : str
-        Name and version of the format that is expected.
-
-    Returns
-    -------
-    facts, arrays : tuple of dict
-        What was written.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged or holds something else.
-    """
+    """Return the facts and arrays that `write_arrays` wrote."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
         facts: dict[str, Any] = json.loads(arrays.pop("facts").tobytes().decode("utf-8"))
@@ -214,18 +121,6 @@ def _checksum(arrays: Mapping[str, Any]) -> str:
 def checksum(parts: Iterable[Any]) -> str:
     """Return the CRC-32 of arrays and texts, one after the other, as eight hexadecimal digits.
 
-    Parameters
-    ----------
-    parts : iterable of array_like or str
-        What the checksum is taken of, in order.
-
-    Returns
-    -------
-    str
-        Eight hexadecimal digits.
-
-    Examples
-    --------
     >>> checksum([np.zeros(3), "EGM96 height"])
     '1c43a30a'
     """
@@ -237,24 +132,7 @@ def checksum(parts: Iterable[Any]) -> str:
 
 
 def refuse_altered(path: Path, stated: str, parts: Iterable[Any], where: str) -> None:
-    """Refuse values that are not those which the file's checksum was taken of.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    stated : str
-        The checksum that it states.
-    parts : iterable of array_like or str
-        What was read from it.
-    where : str
-        Where the checksum stands in the file, for the message.
-
-    Raises
-    ------
-    InputError
-        The values have another checksum; the message names the place of the stated one.
-    """
+    """Refuse values that are not those which the file's checksum was taken of."""
     found = checksum(parts)
     if stated != found:
         raise InputError(

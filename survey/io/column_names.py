@@ -293,18 +293,6 @@ _FEET = re.compile(r"_((us|survey|international|intl)_?)*(s?ft|ift|ftus|ft_us|fe
 def normalized(name: str) -> str:
     """Return the form in which names of columns are compared.
 
-    Parameters
-    ----------
-    name : str
-        Name in a header.
-
-    Returns
-    -------
-    str
-        In lower case, with one underscore for anything that is neither letter nor digit.
-
-    Examples
-    --------
     >>> normalized(" Easting [m]"), normalized("Point ID"), normalized("Elev.")
     ('easting_m', 'point_id', 'elev')
     """
@@ -314,25 +302,6 @@ def normalized(name: str) -> str:
 def parsed_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) -> dict[str, str]:
     """Read a mapping such as ``x=Easting,y=Northing`` from the command line.
 
-    Parameters
-    ----------
-    texts : iterable of str
-        One or more pairs ``key=column`` each, separated by commas.
-    keys : mapping of str to str
-        Keys that may be given, with the own name of each; own names are accepted too.
-
-    Returns
-    -------
-    dict of str to str
-        Column of the file by own name.
-
-    Raises
-    ------
-    ConfigError
-        Something else than pairs, an unknown key, or a key or column that is given twice.
-
-    Examples
-    --------
     >>> parsed_columns(["x=Easting,y=Northing", "sigma_z=SDV"])
     {'x_m': 'Easting', 'y_m': 'Northing', 'sigma_z_m': 'SDV'}
     """
@@ -355,20 +324,6 @@ def parsed_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) ->
 def spelled(name: str, kind: str) -> bool:
     """Return whether the name of a column is a usual one for a kind of value; a unit of length does not matter.
 
-    Parameters
-    ----------
-    name : str
-        Name in a header.
-    kind : str
-        A key of `SPELLINGS`.
-
-    Returns
-    -------
-    bool
-        True for the names of `SPELLINGS`, and for those with a unit of metres, centimetres or millimetres.
-
-    Examples
-    --------
     >>> spelled("Easting (Meter)", "easting"), spelled("VRMS(mm)", "sigma_z"), spelled("Elevation (ft)", "height")
     (True, True, False)
     """
@@ -379,8 +334,6 @@ def spelled(name: str, kind: str) -> bool:
 def axis_of(name: str) -> Axis | None:
     """Return which angle a column holds by its name; None for metres and all else.
 
-    Examples
-    --------
     >>> axis_of("Latitude"), axis_of("Easting")
     ('latitude', None)
     """
@@ -390,8 +343,6 @@ def axis_of(name: str) -> Axis | None:
 def without_metres(plain: str) -> str:
     """Drop a unit of metres from a normalized name.
 
-    Examples
-    --------
     >>> without_metres("easting_meter"), without_metres("h_m"), without_metres("m")
     ('easting', 'h', 'm')
     """
@@ -412,8 +363,6 @@ class ColumnNames(NamedTuple):
     def sentence(self, where: str) -> str:
         """State which columns were read, and which were not.
 
-        Examples
-        --------
         >>> ColumnNames({"x_m": "Easting"}, ("Code",)).sentence("gnss.csv")
         'gnss.csv: columns read as x_m = Easting; not used: Code.'
         """
@@ -425,27 +374,6 @@ class ColumnNames(NamedTuple):
 def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) -> list[str]:
     """Give columns that a mapping names their own names; a column that has such a name already loses it.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of all columns.
-    given : mapping of str to str
-        Column of the file by own name, as from `parsed_columns`.
-    where : str
-        Name of the file, for the message.
-
-    Returns
-    -------
-    list of str
-        Names in the order of the header.
-
-    Raises
-    ------
-    InputError
-        A column that the file does not have, or one in feet for a length.
-
-    Examples
-    --------
     >>> renamed_header(["E", "N", "H", "z_m"], {"z_m": "H"}, "gnss.csv")
     ['E', 'N', 'z_m', '(z_m)']
     """
@@ -464,22 +392,6 @@ def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) 
 def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
     """Return the column that holds one kind of value, by its usual spellings; None where there is none.
 
-    Parameters
-    ----------
-    kind : str
-        A key of `SPELLINGS`.
-    header : sequence of str
-        Names of all columns.
-    where : str
-        Name of the file, for the message.
-
-    Raises
-    ------
-    InputError
-        Several columns could be meant.
-
-    Examples
-    --------
     >>> one_column("sigma_z", ["Point", "Easting", "SDH", "SDV"], "gnss.csv")
     'SDV'
     """
@@ -496,8 +408,6 @@ def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
 def datum_of_column(name: str) -> str:
     """Return the vertical datum that the name of a column of heights states, ``""`` for none.
 
-    Examples
-    --------
     >>> datum_of_column("Ellipsoidal height"), datum_of_column("Elevation")
     ('ellipsoidal height', '')
     """
@@ -507,8 +417,6 @@ def datum_of_column(name: str) -> str:
 def without_unit(name: str) -> str:
     """Drop a unit of millimetres or centimetres in brackets from the name of a column.
 
-    Examples
-    --------
     >>> without_unit("SDV (mm)"), without_unit("SDV [m]")
     ('SDV', 'SDV [m]')
     """
@@ -518,8 +426,6 @@ def without_unit(name: str) -> str:
 def metres_factor(name: str) -> float:
     """Return the factor to metres that the unit in the name of a column asks for.
 
-    Examples
-    --------
     >>> metres_factor("SDV (mm)"), metres_factor("Elevation [m]")
     (0.001, 1.0)
     """
@@ -528,13 +434,7 @@ def metres_factor(name: str) -> float:
 
 
 def refuse_feet(header: Sequence[str], where: str) -> None:
-    """Refuse a table that gives a place or its standard deviation in feet alone.
-
-    Raises
-    ------
-    InputError
-        A column such as ``Elevation (ft)`` without one in metres beside it.
-    """
+    """Refuse a table that gives a place or its standard deviation in feet alone."""
     found = [normalized(name) for name in header]
     for kind in ("easting", "northing", "height", "sigma_z"):
         feet = [name for name, plain in zip(header, found, strict=True) if _is_feet(plain, kind)]

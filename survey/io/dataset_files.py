@@ -73,25 +73,7 @@ _ATTRIBUTES = {name.lower(): name for name in ("subClass", "relativeToVRT", "key
 
 
 def raster_sources(path: str | Path) -> list[Path]:
-    """List the files that a virtual raster is made of, through virtual rasters among them.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A ``.vrt`` file.  Nothing but this file and virtual rasters that it names is opened.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Absolute paths in order of their names, virtual rasters among them included, `path` itself not.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, is no plain mosaic, or names a source that is no local file.
-    CapacityError
-        It is too large to be parsed.
-    """
+    """List the files that a virtual raster is made of, through virtual rasters among them."""
     found: set[Path] = set()
     _collect(existing_file(path, "the virtual raster"), found, 0)
     return sorted(found)
@@ -100,14 +82,8 @@ def raster_sources(path: str | Path) -> list[Path]:
 class VrtPart(NamedTuple):
     """Part of a source that a window of a virtual raster is made of.
 
-    Parameters
-    ----------
-    file : pathlib.Path
-        The source.
-    band : int
-        Counted from 1.
-    window : (4,) tuple of int
-        First column, first row, width and height of the source's cells; may reach a cell beyond them.
+    `file`: the source. `band`: counted from 1. `window` (4,) int: first column, first row, width and height
+    of the source's cells; may reach a cell beyond them.
     """
 
     file: Path
@@ -118,24 +94,7 @@ class VrtPart(NamedTuple):
 def raster_parts(path: Path, band: int, window: Sequence[int]) -> list[VrtPart]:
     """List the parts of the sources that a window of a virtual raster is made of.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        A ``.vrt`` file that `raster_sources` has accepted.
-    band : int
-        Counted from 1.
-    window : sequence of int
-        First column, first row, width and height [cells].
-
-    Returns
-    -------
-    list of VrtPart
-        In the order of the file; sources that the window does not touch are left out.
-
-    Raises
-    ------
-    DamagedError
-        A band or a rectangle is no number.
+    `window`: first column, first row, width and height [cells].
     """
     bands = _parsed(path).findall("VRTRasterBand")
     sources = [element for element in bands[band - 1] if element.find("SourceFilename") is not None]
@@ -272,26 +231,11 @@ _ALONE = frozenset(
 def companion_files(path: str | Path) -> list[Path]:
     """List every other file whose bytes decide what is read from a data file.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A raster, a vector file or a table of points; the kind follows from its suffix.
+    Returns: existing files, without `path` itself, in a fixed order: what stands beside it (``.prj``,
+    ``.aux.xml``, world files, masks, ``.dbf``, ``.shx``, SQLite's journals, …) and, for a ``.vrt``, its
+    sources with what stands beside these. Overviews are left out where they are not read, which is but for
+    sources of a ``.vrt``.
 
-    Returns
-    -------
-    list of pathlib.Path
-        Existing files, without `path` itself, in a fixed order: what stands beside it (``.prj``,
-        ``.aux.xml``, world files, masks, ``.dbf``, ``.shx``, SQLite's journals, …) and, for a ``.vrt``, its
-        sources with what stands beside these. Overviews are left out where they are not
-        read, which is but for sources of a ``.vrt``.
-
-    Raises
-    ------
-    InputError
-        `path` does not exist, or is a virtual raster whose sources are not local files.
-
-    Examples
-    --------
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
     >>> for name in ("dem.asc", "dem.prj", "dem.asc.aux.xml", "dem_2.prj"):
@@ -310,20 +254,7 @@ def companion_files(path: str | Path) -> list[Path]:
 
 
 def files_beside(file: Path, *, overviews: bool = False) -> list[Path]:
-    """List the files of one data set with `file`: those in its folder whose names follow from its own.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The main file.
-    overviews : bool
-        Whether to list overviews as well.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Existing files in order of their names, `file` itself not.
-    """
+    """List the files of one data set with `file`: those in its folder whose names follow from its own."""
     names = _companion_names(file)
     if names and overviews:
         names |= {f"{file.name.lower()}.ovr"}
@@ -333,18 +264,7 @@ def files_beside(file: Path, *, overviews: bool = False) -> list[Path]:
 
 
 def stale_files(path: str | Path) -> list[Path]:
-    """List the files that belong to the file at `path` alone, and are wrong once it is replaced.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A raster or vector file, existing or not.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Metadata, masks, overviews, journals and indices; not what files of another suffix may share.
-    """
+    """List the files that belong to the file at `path` alone, and are wrong once it is replaced."""
     file = Path(path)
     name, stem, suffix = file.name.lower(), file.stem.lower(), file.suffix.lower()
     names = {name + ending for ending in _STALE_BY_NAME}

@@ -89,19 +89,7 @@ _FOREIGN = (
 
 
 def check_raster_file(file: Path, *, as_source: bool = False) -> None:
-    """Refuse a raster whose content is not of the format of its suffix, or which leads to other places than its own files.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        An existing file. Sources of virtual rasters are checked by `as_source`, where only
-        formats that GDAL cannot mistake for others pass.
-
-    Raises
-    ------
-    InputError
-        Another suffix, another content, or a companion that is not what it should be.
-    """
+    """Refuse a raster whose content is not of the format of its suffix, or which leads to other places than its own files."""
     suffix = file.suffix.lower()
     if suffix not in RASTER_DRIVERS or (as_source and suffix == ".nc"):
         raise InputError(
@@ -119,20 +107,7 @@ def check_raster_file(file: Path, *, as_source: bool = False) -> None:
 
 
 def check_vector_file(file: Path, what: str) -> None:
-    """Refuse a vector file whose content is not of the format of its suffix, or which names an address.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        An existing file.
-    what : str
-        What it is, for the message.
-
-    Raises
-    ------
-    InputError
-        Another suffix, another content, a linked CRS, a declaration of XML entities.
-    """
+    """Refuse a vector file whose content is not of the format of its suffix, or which names an address."""
     suffix = file.suffix.lower()
     if suffix not in VECTOR_SUFFIXES:
         raise InputError(
@@ -294,15 +269,7 @@ _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotI
 
 
 def kml_document(file: Path, what: str) -> bytes:
-    """Return the first KML document of a KMZ file.
-
-    Raises
-    ------
-    InputError
-        No archive, a damaged or encrypted one, or one without a KML document.
-    CapacityError
-        A document that is too large to be parsed.
-    """
+    """Return the first KML document of a KMZ file."""
     try:
         with zipfile.ZipFile(file) as archive:
             member = next((m for m in archive.infolist() if m.filename.lower().endswith(".kml")), None)
@@ -341,19 +308,7 @@ _LONGEST_LINE = 64 * 2**20
 
 
 def check_ascii_grid(file: Path) -> None:
-    """Refuse an ASCII grid that holds anything but the numbers that its header announces.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        An existing ``.asc`` file.
-
-    Raises
-    ------
-    InputError
-        A header line that is unknown or given twice, a word that is no number, too few or too
-        many numbers, or lines of unequal length where there is one line per row.
-    """
+    """Refuse an ASCII grid that holds anything but the numbers that its header announces."""
     with file.open("rb") as stream, warnings.catch_warnings():
         # NumPy warns of text behind the numbers, and will refuse it.
         warnings.simplefilter("error", DeprecationWarning)

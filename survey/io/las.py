@@ -46,25 +46,7 @@ _LAS_FAULTS = (
 
 @contextmanager
 def opened_las(file: Path, **options: Any) -> Iterator[Any]:
-    """Open an existing LAS or LAZ file whose header has been checked, and refuse a damaged one in one sentence.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The file.
-    **options
-        Of `laspy.open`.
-
-    Yields
-    ------
-    laspy.LasReader
-        Reads with one thread: the same work in the same order.
-
-    Raises
-    ------
-    InputError
-        The file is damaged or no LAS.
-    """
+    """Open an existing LAS or LAZ file whose header has been checked, and refuse a damaged one in one sentence."""
     try:
         check_las_records(file)
         with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs, **options) as reader:
@@ -142,15 +124,7 @@ def _is_ground(las: Any) -> BoolArray | None:
 def classes_of(points: Any) -> npt.NDArray[np.uint8]:
     """Return the classes (N,) of points of laspy; withheld points count as noise.
 
-    Parameters
-    ----------
-    points : laspy.LasData or laspy.ScaleAwarePointRecord
-        Points with their flags.
-
-    Returns
-    -------
-    (N,) ndarray of uint8
-        As LAS numbers them.
+    Returns (N,): as LAS numbers them.
     """
     classes: npt.NDArray[np.uint8] = np.array(points.classification, dtype=np.uint8)
     classes[np.asarray(points.withheld, dtype=np.bool_)] = NOISE[0]

@@ -20,19 +20,7 @@ _EXTRA_BYTES = 14
 
 
 def check_claim(file: Path, n_points: int, point_bytes: int, ratio: int = 1) -> None:
-    """Refuse a header that claims more points than the file can hold.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The point file.
-    n_points : int
-        Points that its header claims.
-    point_bytes : int
-        Bytes of one point.
-    ratio : int
-        How many times the points may have been packed.
-    """
+    """Refuse a header that claims more points than the file can hold."""
     if n_points * max(point_bytes, 1) > file.stat().st_size * ratio:
         raise InputError(
             f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
@@ -40,13 +28,7 @@ def check_claim(file: Path, n_points: int, point_bytes: int, ratio: int = 1) -> 
 
 
 def check_las_records(file: Path) -> None:
-    """Refuse a header of more records (before the points, and after them in LAS 1.4) than the file has room for.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        A LAS or LAZ file.
-    """
+    """Refuse a header of more records (before the points, and after them in LAS 1.4) than the file has room for."""
     with file.open("rb") as stream:
         head = stream.read(_HEAD)
     if len(head) < 104:
@@ -63,15 +45,7 @@ def check_las_records(file: Path) -> None:
 
 
 def check_las_points(file: Path, header: Any) -> None:
-    """Refuse more points, chunks or layers of packed points than the file can hold.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        A LAS or LAZ file.
-    header : laspy.LasHeader
-        Its header.
-    """
+    """Refuse more points, chunks or layers of packed points than the file can hold."""
     packed = bool(header.are_points_compressed)
     check_claim(file, header.point_count, header.point_format.size, _LAZ_RATIO if packed else 1)
     if not packed:

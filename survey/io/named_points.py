@@ -43,25 +43,6 @@ def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | 
     Tables may have commas, semicolons or tabs between cells, decimal commas, and the usual names of columns
     (``Point, Easting, Northing, Elevation, SDH, SDV``); where they are not firnline's own, the log states which
     were read. Columns of text, such as codes, are passed over.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    what : str
-        What it is, for the message.
-    columns : mapping of str to str, optional
-        Column of a table by own name, such as ``{"x_m": "Rechtswert"}``; others are found by their names.
-
-    Returns
-    -------
-    NamedPoints
-        Columns and names, row by row.
-
-    Raises
-    ------
-    InputError
-        Missing, empty, damaged, without heights, or with a name that is empty or given twice.
     """
     file = existing_file(path, what)
     suffix = file.suffix.lower()

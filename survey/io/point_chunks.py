@@ -142,14 +142,9 @@ class PointFileFacts(NamedTuple):
 class PointChunk(NamedTuple):
     """Some points of a file.
 
-    Parameters
-    ----------
-    xyz : (N, 3) ndarray
-        Easting, northing and elevation [m], in the file's CRS.
-    strip : (N,) ndarray of uint16
-        Number of the flight line (the point source of LAS); 0 where the file states none.
-    classes : (N,) ndarray of uint8
-        Classes of LAS, withheld points as noise; 0 where the file states none.
+    `xyz` (N, 3): easting, northing and elevation [m], in the file's CRS. `strip` (N,): number of the flight
+    line (the point source of LAS); 0 where the file states none. `classes` (N,): classes of LAS, withheld
+    points as noise; 0 where the file states none.
     """
 
     xyz: FloatArray
@@ -158,23 +153,7 @@ class PointChunk(NamedTuple):
 
 
 def chunked_files(sources: list[Path]) -> list[Path]:
-    """Return the point files among paths, folders opened and sorted by name.
-
-    Parameters
-    ----------
-    sources : list of pathlib.Path
-        Files and folders.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Files whose endings are in `CHUNKED_SUFFIXES`, each once.
-
-    Raises
-    ------
-    InputError
-        A path that does not exist, another ending, or no file at all.
-    """
+    """Return the point files among paths, folders opened and sorted by name."""
     files: list[Path] = []
     for source in sources:
         if source.is_dir():
@@ -193,23 +172,7 @@ def chunked_files(sources: list[Path]) -> list[Path]:
 
 
 def point_file_facts(path: str | Path) -> PointFileFacts:
-    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose ending is in `CHUNKED_SUFFIXES`.
-
-    Returns
-    -------
-    PointFileFacts
-        Number of points, bounds and CRS.
-
-    Raises
-    ------
-    InputError
-        The file is missing, empty, damaged, or lacks coordinates.
-    """
+    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header."""
     file = existing_file(path, "the point file")
     if file.suffix.lower() == ".ply":
         facts = PointFileFacts(*ply_facts(file))
@@ -225,27 +188,7 @@ def point_file_facts(path: str | Path) -> PointFileFacts:
 
 
 def read_chunks(path: str | Path, first: int, n: int) -> Iterator[PointChunk]:
-    """Read points in chunks of at most `CHUNK_POINTS`.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose ending is in `CHUNKED_SUFFIXES`.
-    first : int
-        Number of the first point, counted from 0.
-    n : int
-        Number of points to read.
-
-    Yields
-    ------
-    PointChunk
-        Points in the order of the file.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, cut off, or holds coordinates that are no numbers.
-    """
+    """Read points in chunks of at most `CHUNK_POINTS`."""
     file = existing_file(path, "the point file")
     n_read = 0
     for chunk in _chunks(file, first, n):

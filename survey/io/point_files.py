@@ -336,26 +336,7 @@ TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
 
 
 def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None) -> PointTable:
-    """Read the format that the file's ending names.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    columns : mapping of str to str, optional
-        Column of a table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their names.
-
-    Returns
-    -------
-    PointTable
-        Columns of numbers, with CRS and vertical datum where the file names them.
-
-    Raises
-    ------
-    InputError
-        Another ending; a file that is missing, empty or damaged; a column that is missing
-        or holds something that is no number or stands for a missing one; columns named for a file that is no table.
-    """
+    """Read the format that the file's ending names."""
     table = _read(Path(path), columns)
     for name, column in table.columns.items():
         if (np.abs(column) > _LARGEST).any():
@@ -391,20 +372,7 @@ def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
 
 
 def refuse_marks(table: PointTable, path: str | Path) -> None:
-    """Refuse numbers that stand for a missing one in a column of heights or of sampled values.
-
-    Parameters
-    ----------
-    table : PointTable
-        The points.
-    path : str or pathlib.Path
-        Their file, for the message.
-
-    Raises
-    ------
-    InputError
-        A number such as -9999 or -32768, a height of 9999 m, or heights of 0 far from all others.
-    """
+    """Refuse numbers that stand for a missing one in a column of heights or of sampled values."""
     _refuse_zeros(table.columns[PLACE[2]], path)
     _refuse_impossible(table.columns[PLACE[2]], path)
     for name, column in table.columns.items():
@@ -445,13 +413,6 @@ def write_point_table(path: str | Path, table: PointTable) -> None:
     """Write the format that the file's ending names, or leave what was there; equal tables give equal bytes.
 
     CSV carries no CRS. LAS and LAZ round coordinates to 0.1 mm; the others are exact.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file; its suffix names the format.
-    table : PointTable
-        The points; LAS, PLY and vector formats need a CRS.
     """
     WRITERS[_ending(path, WRITERS)](Path(path), table)
 

@@ -50,27 +50,10 @@ class PlaceColumns(NamedTuple):
 def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     """Return the columns that hold the place of each point; case and marks between words do not matter.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of all columns.
-    where : str
-        Name of the file, for the message.
+    Returns: own names (``x_m``, ``y_m``, ``z_m``) first, then ``x, y, z``, ``easting, northing, elevation``,
+    ``E, N, H``, and in degrees ``lon, lat, height`` or ``longitude, latitude, elevation``; `SPELLINGS` lists
+    all names.
 
-    Returns
-    -------
-    PlaceColumns
-        Own names (``x_m``, ``y_m``, ``z_m``) first, then ``x, y, z``, ``easting, northing, elevation``,
-        ``E, N, H``, and in degrees ``lon, lat, height`` or ``longitude, latitude, elevation``; `SPELLINGS` lists
-        all names.
-
-    Raises
-    ------
-    InputError
-        No such columns, or several that could be meant.
-
-    Examples
-    --------
     >>> place_columns(["id", "E", "N", "H"], "points.csv")
     PlaceColumns(names=('E', 'N', 'H'), is_geographic=False)
     >>> place_columns(["lon", "lat", "height"], "points.csv").is_geographic
@@ -101,17 +84,7 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
 def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str, FloatArray], CRS | None]:
     """Rename the columns of the place to ``x_m``, ``y_m`` and ``z_m``, first in the table.
 
-    Returns
-    -------
-    columns : dict of str to (N,) ndarray
-        Places in metres, or longitude and latitude in degrees.
-    crs : pyproj.CRS or None
-        WGS 84 for degrees; None where the table does not name its CRS.
-
-    Raises
-    ------
-    InputError
-        As `place_columns` does, and for degrees that are out of range.
+    Returns `crs`: WGS 84 for degrees; None where the table does not name its CRS.
     """
     names, is_geographic = place_columns(list(columns), where)
     places = {own: columns[name] for own, name in zip(PLACE, names, strict=True)}

@@ -25,20 +25,7 @@ _LONGEST_CELL = 40
 
 
 def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:
-    """Write equally long columns with a header; numbers read back exactly as they were.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The CSV file.
-    columns : mapping of str to (N,) ndarray
-        Units stand in the names.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
+    """Write equally long columns with a header; numbers read back exactly as they were."""
     rows = zip(*(np.asarray(column, dtype=np.float64).tolist() for column in columns.values()), strict=True)
     with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(columns) + "\n")
@@ -48,32 +35,7 @@ def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:
 def read_table(
     path: str | Path, required: Sequence[str], *, what: str, texts: Sequence[str] = ()
 ) -> dict[str, FloatArray]:
-    """Read every column of a CSV table of numbers, but for those named in `texts`.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The CSV file, with commas between the cells and points in the numbers.
-    required : sequence of str
-        Columns that the header must hold; others may stand beside them.
-    what : str
-        What the table is, for the message.
-    texts : sequence of str
-        Columns that are passed over.
-
-    Returns
-    -------
-    dict of str to (N,) ndarray
-        Columns by name, in the order of the header.
-
-    Raises
-    ------
-    InputError
-        The file is missing, lacks a required column or names one twice, has a row that is too short or too
-        long, or holds something that is no number; the message names the line.
-    CapacityError
-        It has more than `LARGEST_ROWS` rows.
-    """
+    """Read every column of a CSV table of numbers, but for those named in `texts`."""
     file = existing_file(path, what)
     where = f"{what} {file}"
     try:
@@ -198,22 +160,6 @@ def refuse_cut_off(last: str, rows: Sequence[Sequence[str]], where: str) -> None
     quotes, a text that other rows hold and that begins no other text, or a number of a table in which every column has
     as many decimals in all rows.
 
-    Parameters
-    ----------
-    last : str
-        The last line, with its line break where it has one.
-    rows : sequence of sequence of str
-        Cells of all rows, as many in each, those of the last line included.
-    where : str
-        Name of the file, for the message.
-
-    Raises
-    ------
-    InputError
-        The last value could be the beginning of a longer one.
-
-    Examples
-    --------
     >>> rows = [["1.0", "811.20"], ["2.0", "811.95"], ["3.0", "812.10"]]
     >>> refuse_cut_off("4.0,812.55", [*rows, ["4.0", "812.55"]], "a.csv")
     >>> refuse_cut_off("4.0,812.5", [*rows, ["4.0", "812.5"]], "a.csv")

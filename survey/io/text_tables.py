@@ -43,8 +43,6 @@ class NumberMarks(NamedTuple):
     def among(cls, cells: Iterable[str], *, has_commas: bool) -> "NumberMarks":
         """Return the marks of a table by its cells; `has_commas` is true where commas do not separate cells.
 
-        Examples
-        --------
         >>> NumberMarks.among(["1,234.5", "812.5", "2,001"], has_commas=True)
         NumberMarks(decimal='.', thousands=',')
         >>> NumberMarks.among(["812,5", "2,001"], has_commas=True)
@@ -63,8 +61,6 @@ class NumberMarks(NamedTuple):
     def plain(self, cell: str) -> str:
         """Return a cell with a decimal point and without separators of thousands; what is no number as it is.
 
-        Examples
-        --------
         >>> NumberMarks().plain("1'234.5"), NumberMarks(",", ".").plain("1.234,5"), NumberMarks(",").plain("1.234")
         ('1234.5', '1234.5', '1;234')
         """
@@ -109,21 +105,6 @@ _ANGLE = re.compile(
 def degrees(text: str, axis: Axis) -> float | None:
     r"""Return an angle in degrees, negative to the south and the west; None for what is none, or could be another one.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``46°30'12.5"N``, ``46 30 12.5 N``, ``S 46 30.208``, ``46-30-12.5``, ``46:30:12.5`` or ``-46.5035°``, decimal points alone.
-    axis : {"longitude", "latitude"}
-        Which angle it is: one with the letter of the other axis is none.
-
-    Returns
-    -------
-    float or None
-        Degrees. A sign and a letter exclude one another, as do two letters; minutes and seconds are below 60, and
-        what stands before them has no decimals.
-
-    Examples
-    --------
     >>> round(degrees("46 30 12.5 N", "latitude"), 6), degrees("7 15 0 W", "longitude"), degrees("46 75 0", "latitude")
     (46.503472, -7.25, None)
     """
@@ -168,13 +149,7 @@ class TextTable(NamedTuple):
         return tuple(row[index].strip() for row in self.rows)
 
     def numbers(self, name: str, axis: Axis | None = None) -> FloatArray:
-        """Return a column of numbers (N,); of angles [deg], in whatever way they are written, where an axis is named.
-
-        Raises
-        ------
-        InputError
-            A cell that is no number, by its line.
-        """
+        """Return a column of numbers (N,); of angles [deg], in whatever way they are written, where an axis is named."""
         values = np.empty(len(self.rows))
         for k, (line, cell) in enumerate(zip(self.lines, self.texts(name), strict=True)):
             number = self._number(cell, axis)
@@ -214,32 +189,7 @@ class TextTable(NamedTuple):
 
 
 def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) -> TextTable:
-    """Read a table, with a header unless its columns are known; the separator is found by itself.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Text file in UTF-8, UTF-16 or Windows-1252. Lines before the header that begin with ``#`` or ``%``, the line
-        ``sep=;`` of spreadsheets and empty lines are skipped; the last of them is the header where it has as many names as
-        the first row has numbers.
-    what : str
-        What the table is, for the message.
-    unnamed : sequence of str, optional
-        Names of the columns of a table without a header; colours may follow.
-
-    Returns
-    -------
-    TextTable
-        The cells. Numbers have decimal commas where cells are not separated by commas and a number has one;
-        `NumberMarks` has the separator of thousands.
-
-    Raises
-    ------
-    InputError
-        Missing, no text, no header, no rows, a row of another length, or cut off in the middle of a line.
-    CapacityError
-        Larger than `LARGEST_BYTES`.
-    """
+    """Read a table, with a header unless its columns are known; the separator is found by itself."""
     file = existing_file(path, what)
     where = f"{what} {file}"
     lines = _lines(file, where)
@@ -372,17 +322,7 @@ def _check_rows(numbered: list[tuple[int, list[str]]], header: list[str], where:
 def refuse_hemispheres(table: TextTable, longitude: FloatArray, latitude: FloatArray) -> None:
     """Refuse a table whose degrees count to the south or the west in a column of their own, without a sign.
 
-    Parameters
-    ----------
-    table : TextTable
-        The table.
-    longitude, latitude : (N,) ndarray
-        Degrees as it states them.
-
-    Raises
-    ------
-    InputError
-        A column of ``N`` and ``S``, or of ``E`` and ``W``, has an ``S`` or a ``W`` beside a positive number.
+    `longitude`, `latitude` (N,): degrees as it states them.
     """
     for name in table.header:
         cells = [cell.upper() for cell in table.texts(name)]
@@ -406,20 +346,8 @@ _EVEN_S = 1.0
 def refuse_clock_numbers(numbers: FloatArray, where: str) -> None:
     """Refuse numbers that are dates or times of day and would be taken for seconds.
 
-    Parameters
-    ----------
-    numbers : (N,) ndarray
-        The column of times.
-    where : str
-        What they stand in, for the message.
+    `numbers` (N,): the column of times.
 
-    Raises
-    ------
-    InputError
-        All are dates such as 20240612 or 20240612100015, or they have even steps as hours, minutes and seconds alone.
-
-    Examples
-    --------
     >>> refuse_clock_numbers(np.array([0.0, 40.0, 80.0, 120.0]), "fixes.csv")
     >>> refuse_clock_numbers(np.array([100040.0, 100050.0, 100100.0]), "fixes.csv")
     Traceback (most recent call last):

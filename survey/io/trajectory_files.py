@@ -33,12 +33,7 @@ _SHORTEST = 1e-6
 def write_tum(path: str | Path, rows: FloatArray) -> None:
     """Write poses (N, 8) as TUM text; numbers read back exactly as they were.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    rows : (N, 8) ndarray
-        Time [s], position [m], quaternion x y z w.
+    `rows` (N, 8): time [s], position [m], quaternion x y z w.
     """
     lines = _lines(rows)
     _write_lines(
@@ -49,21 +44,7 @@ def write_tum(path: str | Path, rows: FloatArray) -> None:
 def read_tum(path: str | Path) -> FloatArray:
     """Read TUM text into (N, 8): time, position, quaternion x y z w.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    (N, 8) ndarray
-        Time [s], position [m], quaternion x y z w.
-
-    Raises
-    ------
-    InputError
-        Missing, empty, a line without eight numbers, or a quaternion of length 0; the message
-        names the line.
+    Returns (N, 8): time [s], position [m], quaternion x y z w.
     """
     rows = _read_rows(path, TUM_COLUMNS, "TUM")
     no_turn = np.flatnonzero(np.linalg.norm(rows[:, 4:8], axis=1) < _SHORTEST)
@@ -79,12 +60,7 @@ def write_kitti(path: str | Path, poses: FloatArray) -> None:
 
     Numbers read back exactly as they were.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    poses : (N, 3, 4) ndarray
-        Rotations, and positions [m] in the last column.
+    `poses` (N, 3, 4): rotations, and positions [m] in the last column.
     """
     _write_lines(path, _lines(poses.reshape(-1, 12)))
 
@@ -92,20 +68,7 @@ def write_kitti(path: str | Path, poses: FloatArray) -> None:
 def read_kitti(path: str | Path) -> FloatArray:
     """Read KITTI text into (N, 3, 4): rotation and position.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    (N, 3, 4) ndarray
-        Rotations, and positions [m] in the last column.
-
-    Raises
-    ------
-    InputError
-        Missing, empty, a line without twelve numbers, or a rotation that is none.
+    Returns (N, 3, 4): rotations, and positions [m] in the last column.
     """
     poses = _read_rows(path, KITTI_COLUMNS, "KITTI").reshape(-1, 3, 4)
     turn = poses[:, :, :3]
@@ -194,16 +157,7 @@ def write_track(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS)
     beginning of the year 2000.
     Degrees are written to nine decimals, a tenth of a millimetre.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    time_s : (N,) ndarray
-        Times [s].
-    xyz : (N, 3) ndarray
-        Easting, northing, height [m].
-    crs : pyproj.CRS
-        Projected CRS of the places.
+    `time_s` (N,): times [s]. `xyz` (N, 3): easting, northing, height [m].
     """
     if Path(path).suffix.lower() == ".gpx":
         _write_gpx(path, time_s, xyz, crs)
@@ -215,23 +169,9 @@ def write_track(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS)
 def read_track(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
     """Read times (N,) [s] and places (N, 3) [m] of a ``.gpx`` or ``.gpkg`` track into a projected CRS.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    crs : pyproj.CRS
-        Projected CRS of the result.
-
-    Returns
-    -------
-    time_s, xyz : tuple of ndarray
-        Times (N,) [s] and places (N, 3) [m]. Dates of GPX that lie within 1e8 s of the beginning of the year 2000
-        count from there, as `write_track` writes times that are no dates; others become Unix times.
-
-    Raises
-    ------
-    InputError
-        Missing, damaged, no track, points without a height or without a time.
+    Returns `time_s, xyz`: times (N,) [s] and places (N, 3) [m]. Dates of GPX that lie within 1e8 s of the
+    beginning of the year 2000 count from there, as `write_track` writes times that are no dates; others
+    become Unix times.
     """
     if Path(path).suffix.lower() == ".gpx":
         unix_s, xyz = read_gpx(path, crs)
@@ -246,22 +186,7 @@ def read_track(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
 def read_gpx(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
     """Read the Unix times (N,) [s] and the places (N, 3) [m] of a GPX track into a CRS.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    crs : pyproj.CRS
-        CRS of the result.
-
-    Returns
-    -------
-    unix_s, xyz : tuple of ndarray
-        Unix times (N,) [s], of UTC where the file states no offset, and places (N, 3).
-
-    Raises
-    ------
-    InputError
-        Missing, damaged, no track, points without a height or without a time.
+    Returns `unix_s, xyz`: unix times (N,) [s], of UTC where the file states no offset, and places (N, 3).
     """
     features = read_features(path, layer="track_points", what="the track", dates_as_text=True)
     heights = _numbers(features.attributes.get("ele"), path, "heights (<ele>)")
@@ -282,15 +207,7 @@ def _places(shapes: Any, heights: FloatArray, source: Any, crs: CRS, path: str |
 def track_crs(path: str | Path) -> CRS | None:
     """Return the CRS of a ``.gpx`` or ``.gpkg`` track as its file states it.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    pyproj.CRS or None
-        WGS 84 for ``.gpx``; None where the file states none.
+    Returns: WGS 84 for ``.gpx``; None where the file states none.
     """
     if Path(path).suffix.lower() == ".gpx":
         return _WGS84

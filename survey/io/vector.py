@@ -65,13 +65,7 @@ SURVEY_CRS = "survey_crs"
 
 
 def require_transformation(crs: CRS, path: Path) -> None:
-    """Refuse a CRS without a transformation to degrees for a file that holds degrees.
-
-    Raises
-    ------
-    InputError
-        A local (engineering) CRS; a format in metres is named.
-    """
+    """Refuse a CRS without a transformation to degrees for a file that holds degrees."""
     source = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
     if source.geodetic_crs is None:
         raise InputError(
@@ -83,13 +77,7 @@ def require_transformation(crs: CRS, path: Path) -> None:
 def in_degrees(
     geometry: npt.NDArray[Any], attributes: Mapping[str, Any], crs: CRS, path: Path
 ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
-    """Transform geometries to longitude and latitude, and add the column that names their CRS.
-
-    Raises
-    ------
-    InputError
-        As `require_transformation` does.
-    """
+    """Transform geometries to longitude and latitude, and add the column that names their CRS."""
     require_transformation(crs, path)
     moved = _moved(geometry, crs, WGS84, str(path))
     wkt = np.array([crs.to_wkt()] * len(geometry), dtype=object)
@@ -99,13 +87,7 @@ def in_degrees(
 def in_survey_crs(
     geometry: npt.NDArray[Any], attributes: dict[str, npt.NDArray[Any]], where: str
 ) -> tuple[npt.NDArray[Any], dict[str, npt.NDArray[Any]], str]:
-    """Transform geometries back to the CRS that the column `SURVEY_CRS` names, and return it as WKT.
-
-    Raises
-    ------
-    InputError
-        Features of several systems, or a system that PROJ does not know.
-    """
+    """Transform geometries back to the CRS that the column `SURVEY_CRS` names, and return it as WKT."""
     named = {str(value) for value in attributes[SURVEY_CRS]}
     if len(named) != 1:
         raise InputError(f"{where} names {len(named)} systems in its column {SURVEY_CRS}; one was expected.")
@@ -147,29 +129,7 @@ def read_features(
     what: str = "the vector file",
     dates_as_text: bool = False,
 ) -> Features:
-    """Read all features of a layer.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
-    layer : str or int, optional
-        Name or number of the layer; the only one by default.
-    what : str
-        What the file is, for the message.
-    dates_as_text : bool
-        Whether columns of dates become text, which has their offsets from UTC; as numbers they lose them.
-
-    Returns
-    -------
-    Features
-        Geometries as the file has them, columns, CRS.
-
-    Raises
-    ------
-    InputError
-        Missing, empty, damaged, without any geometry, or with several layers where none is named.
-    """
+    """Read all features of a layer."""
     file = existing_file(path, what)
     check_vector_file(file, what)
     with _gdal_of(file, what) as gdal:
@@ -194,25 +154,7 @@ def read_features(
 
 
 def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]:
-    """Return the names of the layers of a vector file, such as the folders of KML.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
-    what : str
-        What the file is, for the message.
-
-    Returns
-    -------
-    list of str
-        In the order of the file.
-
-    Raises
-    ------
-    InputError
-        Missing, empty or damaged.
-    """
+    """Return the names of the layers of a vector file, such as the folders of KML."""
     file = existing_file(path, what)
     check_vector_file(file, what)
     with _gdal_of(file, what) as gdal:
@@ -220,47 +162,15 @@ def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]
 
 
 def geometry_types(path: str | Path, *, what: str = "the vector file") -> set[str]:
-    """Return the types of geometry in all layers of a vector file: Point, LineString, Polygon.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
-    what : str
-        What the file is, for the message.
-
-    Returns
-    -------
-    set of str
-        Parts of a multiple geometry have the type of one. A layer that declares a type is not read.
-
-    Raises
-    ------
-    InputError
-        Missing, empty or damaged.
-    """
+    """Return the types of geometry in all layers of a vector file: Point, LineString, Polygon."""
     return set().union(*(_types_in(path, name, what) for name in layer_names(path, what=what)))
 
 
 def polygon_layer(path: str | Path, *, what: str = "the vector file") -> str | None:
     """Return the name of the layer of a vector file that holds its polygons, such as a folder of KML.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
-    what : str
-        What the file is, for the message.
-
-    Returns
-    -------
-    str or None
-        None where the file has one layer only, or where none or several hold polygons. The log states the choice.
-
-    Raises
-    ------
-    InputError
-        Missing, empty or damaged.
+    Returns: None where the file has one layer only, or where none or several hold polygons. The log states
+    the choice.
     """
     names = layer_names(path, what=what)
     if len(names) == 1:
@@ -351,12 +261,7 @@ _DRIVER_OPTIONS = {"ESRI Shapefile": {"DBF_DATE_LAST_UPDATE": "2000-01-01"}}
 class Layer(NamedTuple):
     """Features of one layer.
 
-    Parameters
-    ----------
-    geometry : sequence of shapely.Geometry
-        Shapes, one per feature.
-    attributes : mapping of str to (N,) array_like
-        Columns by name.
+    `geometry`: shapes, one per feature. `attributes`: columns by name.
     """
 
     geometry: Sequence[Any] | npt.NDArray[Any]
@@ -377,23 +282,6 @@ def write_features(
 
     `kind` names the geometry of a layer that has no features yet; a GeoPackage without spatial
     index can be written to by SQLite alone.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file; its suffix names the format.
-    geometry : sequence of shapely.Geometry
-        Shapes, one per feature.
-    attributes : mapping of str to (N,) array_like
-        Columns by name.
-    crs : pyproj.CRS
-        Of the shapes.
-    layer : str
-        Name of the layer.
-    kind : str, optional
-        Kind of geometry of a layer without features.
-    indexed : bool
-        Whether a GeoPackage gets a spatial index.
     """
     write_layers(path, {layer: Layer(geometry, attributes)}, crs, kind=kind, indexed=indexed)
 
@@ -406,24 +294,7 @@ def write_layers(
     kind: str | None = None,
     indexed: bool = True,
 ) -> None:
-    """Write layers of features to one file, or leave what was there; a GeoPackage alone holds several.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file; its suffix names the format.
-    layers : mapping of str to Layer
-        Layers by name.
-    crs : pyproj.CRS
-        Of the shapes.
-    kind, indexed
-        As for `write_features`.
-
-    Raises
-    ------
-    InputError
-        Another format, or several layers in one that holds one layer.
-    """
+    """Write layers of features to one file, or leave what was there; a GeoPackage alone holds several."""
     target = Path(path)
     driver = _DRIVERS.get(target.suffix.lower())
     if driver is None:

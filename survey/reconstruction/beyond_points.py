@@ -31,14 +31,8 @@ _LAGS, _LEAST_LAG = (0.4, 0.6), 0.25
 class BeyondPoints:
     """How ground differs beyond points.
 
-    Parameters
-    ----------
-    hull : shapely.Geometry
-        Convex hull of the points.
-    extent_m : float
-        Longer side of their bounding box [m].
-    per_metre : float
-        Root mean square difference between points about half an extent apart, over their distance [1/m].
+    `hull`: convex hull of the points. `extent_m`: longer side of their bounding box [m]. `per_metre`: root
+    mean square difference between points about half an extent apart, over their distance [1/m].
     """
 
     hull: shapely.Geometry
@@ -79,19 +73,7 @@ def widened_beyond(
 ) -> Reconstruction:
     """Return a map whose standard deviation grows with the distance beyond the points; as it is where none is far.
 
-    Parameters
-    ----------
-    result : Reconstruction
-        A map without a prior.
-    xy, values : (N, 2) and (N,) ndarray
-        Places of the points [m], and what was measured there.
-    area : SurveyArea, optional
-        Ground of which the share is counted; the grid by default.
-
-    Returns
-    -------
-    Reconstruction
-        With the share of the ground that is far, and how far, in its record.
+    `xy`, `values` (N, 2) and (N,): places of the points [m], and what was measured there.
     """
     grid = result.mean.grid()
     beyond = BeyondPoints.of(xy, values)

@@ -16,26 +16,9 @@ def require_nodes(
 ) -> None:
     """Refuse a map whose nodes would not fit into memory, and name the smallest step that does.
 
-    Parameters
-    ----------
-    bounds : (xmin, ymin, xmax, ymax)
-        Extent of the map [m].
-    step_m : float
-        Distance between the nodes [m].
-    bytes_per_node : float
-        Memory that the method takes for a node [bytes].
-    memory_mb : float
-        Memory allowed [MB].
+    `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]. `step_m`: distance between the nodes [m].
+    `bytes_per_node`: memory that the method takes for a node [bytes]. `memory_mb`: memory allowed [MB].
 
-    Raises
-    ------
-    InputError
-        A step that is not greater than 0.
-    CapacityError
-        More memory is needed than allowed.
-
-    Examples
-    --------
     >>> require_nodes((0.0, 0.0, 600.0, 600.0), 1.0, 120.0)
     >>> require_nodes((0.0, 0.0, 600.0, 600.0), 0.01, 120.0)
     Traceback (most recent call last):
@@ -58,20 +41,9 @@ def require_nodes(
 def require_length_scale(length_m: float | None, step_m: float) -> None:
     """Refuse a length scale far below the step of the map, with which no point would reach a node.
 
-    Parameters
-    ----------
-    length_m : float, optional
-        Shortest length scale that the settings state [m].
-    step_m : float
-        Distance between the nodes of the map [m].
+    `length_m`: shortest length scale that the settings state [m]. `step_m`: distance between the nodes of the
+    map [m].
 
-    Raises
-    ------
-    InputError
-        The length scale is shorter than a hundredth of the step.
-
-    Examples
-    --------
     >>> require_length_scale(17.75, 2.0)
     >>> require_length_scale(1e-9, 2.0)
     Traceback (most recent call last):
@@ -88,22 +60,8 @@ def require_length_scale(length_m: float | None, step_m: float) -> None:
 def smallest_step_m(width_m: float, height_m: float, most_nodes: float, spare_nodes: float = 1.0) -> float:
     """Return the smallest step, to three digits, at which a rectangle has no more nodes than allowed [m].
 
-    Parameters
-    ----------
-    width_m, height_m : float
-        Sides of the rectangle [m].
-    most_nodes : float
-        Number of nodes allowed, more than the square of the spare ones.
-    spare_nodes : float
-        Nodes of a row and of a column beyond the number of steps along the side.
+    `width_m`, `height_m`: sides of the rectangle [m]. Returns: the step [m].
 
-    Returns
-    -------
-    float
-        The step [m].
-
-    Examples
-    --------
     >>> smallest_step_m(99.0, 99.0, 10_000)
     1.0
     """
@@ -116,8 +74,6 @@ def smallest_step_m(width_m: float, height_m: float, most_nodes: float, spare_no
 def rounded_up(value: float) -> float:
     """Return a positive number rounded up to three digits.
 
-    Examples
-    --------
     >>> rounded_up(0.012341)
     0.0124
     """

@@ -513,8 +513,6 @@ class RmseClaim:
 def sampled_nodes(inside: npt.NDArray[np.bool_]) -> IntArray:
     """Return at most 400 evenly spread nodes of a grid, as rows of its nodes in order, among those inside (H, W).
 
-    Examples
-    --------
     >>> sampled_nodes(np.ones((40, 40), dtype=bool)).size
     400
     """

@@ -51,14 +51,8 @@ _AT_ONCE = 500
 class RouteRisk:
     """Risk of a route: expected length beyond the limit [m], largest probability on it, and its length [m].
 
-    Parameters
-    ----------
-    expected_m : float
-        Expected length of the route on ground beyond the limit [m].
-    worst : float
-        Largest probability on the route.
-    length_m : float
-        Length of the route on the map [m].
+    `expected_m`: expected length of the route on ground beyond the limit [m]. `worst`: largest probability on
+    the route. `length_m`: length of the route on the map [m].
     """
 
     expected_m: float
@@ -70,14 +64,8 @@ class RouteRisk:
 class SlopeHazard:
     """Probability at each node of a grid that the slope over a base exceeds a limit.
 
-    Parameters
-    ----------
-    probability : Dem
-        Probabilities on the grid.
-    limit_deg : float
-        Limit of the slope [deg].
-    base_m : float
-        Base of the slope [m].
+    `probability`: probabilities on the grid. `limit_deg`: limit of the slope [deg]. `base_m`: base of the
+    slope [m].
     """
 
     probability: Dem
@@ -85,20 +73,7 @@ class SlopeHazard:
     base_m: float
 
     def no_go(self, area: SurveyArea, accepted: float = ACCEPTED) -> SurveyArea:
-        """Return the area with the ground beyond an accepted probability as further no-go ground.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            Area of the next plan.
-        accepted : float
-            Probability that is accepted.
-
-        Returns
-        -------
-        SurveyArea
-            Cells around nodes beyond it are no-go ground, within the area.
-        """
+        """Return the area with the ground beyond an accepted probability as further no-go ground."""
         dangerous = (self.probability.elevation > accepted).astype(np.uint8)
         found = shapes(dangerous, mask=dangerous.astype(bool), transform=self.probability.transform)
         cells = [shape(outline).intersection(area.polygon) for outline, _ in found]
@@ -111,18 +86,7 @@ class SlopeHazard:
         return SurveyArea(area.polygon, area.crs, (*area.no_go, *parts), area.starts)
 
     def along(self, route: Route) -> RouteRisk:
-        """Return the risk of a route.
-
-        Parameters
-        ----------
-        route : Route
-            Route of all rovers.
-
-        Returns
-        -------
-        RouteRisk
-            Of the part of the route that lies on the map.
-        """
+        """Return the risk of a route."""
         step_m = 0.5 * self.probability.step_m
         places = np.vstack([route.sample(step_m, rover).xy for rover in range(route.n_rovers)])
         probability = self.probability.at(places)
@@ -132,17 +96,7 @@ class SlopeHazard:
         )
 
     def write(self, folder: Path, area: SurveyArea, route: Route) -> None:
-        """Write probability, area of the next plan with its no-go ground, and the risk of the route.
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Existing folder, for ``hazard.tif``, ``next_area.gpkg`` and ``hazard.json``.
-        area : SurveyArea
-            Area of the survey.
-        route : Route
-            Route whose risk is stated.
-        """
+        """Write probability, area of the next plan with its no-go ground, and the risk of the route."""
         dem = self.probability
         bands = {"probability": dem.elevation}
         write_raster(folder / "hazard.tif", bands, dem.transform, dem.crs)
@@ -173,24 +127,9 @@ def slope_hazard(
     estimate of terrain and path, with the relief that the map does not resolve. A step over the base is a slope:
     a limit of ``h`` metres is one of ``arctan(h / base)``.
 
-    Parameters
-    ----------
-    solution : JointSolution
-        Joint estimate that the map was read from.
-    grid : Grid
-        Nodes; a few thousand take seconds.
-    limit_deg : float
-        Steepest slope that the rover can stand, in any direction [deg].
-    base_m : float
-        Base of the slope [m].
+    `limit_deg`: steepest slope that the rover can stand, in any direction [deg]. `base_m`: base of the slope
+    [m].
 
-    Returns
-    -------
-    SlopeHazard
-        Probabilities on the grid.
-
-    Notes
-    -----
     Good where the terrain is like the covariance that was fitted to it: crevasses and cliffs between swaths are
     not. Relief below the base does not count.
     """
@@ -217,22 +156,9 @@ _LEAST_SHARE = 1e-6
 def probability_beyond(mean: FloatArray, covariance: FloatArray, limit: float) -> FloatArray:
     """Return the probability that normal vectors in the plane are longer than a limit.
 
-    Parameters
-    ----------
-    mean : (M, 2) ndarray
-        Means of the vectors.
-    covariance : (M, 2, 2) ndarray
-        Their covariances.
-    limit : float
-        Length, in the unit of the vectors.
+    `mean` (M, 2): means of the vectors. `covariance` (M, 2, 2): their covariances. Returns (M,): between 0
+    and 1; to about 1e-6.
 
-    Returns
-    -------
-    (M,) ndarray
-        Between 0 and 1; to about 1e-6.
-
-    Examples
-    --------
     >>> known, unit = np.zeros((1, 2)), np.eye(2)[None]
     >>> probability_beyond(known, unit, 2.0).round(4).tolist()  # exp(-2)
     [0.1353]
@@ -264,29 +190,10 @@ _MORE_PER_STEP = 0.15
 def steep_ground(reconstruction: Reconstruction, limit_deg: float) -> Dem:
     """Return 1 where the ground is steeper than a limit for certain, 0 elsewhere, NaN beyond the map.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        A map; its bounds must hold, its mean and standard deviation are not asked.
-    limit_deg : float
-        Steepest slope that is not lethal [deg].
+    `limit_deg`: steepest slope that is not lethal [deg].
 
-    Returns
-    -------
-    Dem
-        On the map's grid: the nodes under chords up to 1 m long, or one step, that are steeper than the limit.
-
-    Raises
-    ------
-    InputError
-        A map without bounds of its own, or a limit that is no slope.
-
-    Notes
-    -----
     What is 0 is not known to be safe: the bounds there only allow of gentle ground, or are wide apart.
 
-    Examples
-    --------
     A step of 1 m, seen from above: the bounds meet on the plateau, and rays keep the ground before it low.
 
     >>> from survey.data.grid import Grid

@@ -109,25 +109,7 @@ def reconstruct(
 
 
 def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
-    """Run a method, and bound its map by lines of sight where it does not do so itself.
-
-    Parameters
-    ----------
-    method : ReconstructionMethod
-        Of the registry.
-    task : MappingTask
-        Points, grid, and what goes with them.
-
-    Returns
-    -------
-    MappedTerrain
-        The map, and the correction of the path for a joint map.
-
-    Raises
-    ------
-    InputError
-        Points and grid in different systems, or something that the method lacks.
-    """
+    """Run a method, and bound its map by lines of sight where it does not do so itself."""
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
     method.require_room(task.grid.bounds, task.grid.step_m, task.configs)

@@ -26,8 +26,6 @@ AnySection = TypeVar("AnySection", bound=Section)
 def config_of(configs: Sequence[Section], kind: type[AnySection]) -> AnySection:
     """Return the settings of one kind among several, or their defaults.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.config import JointConfig
     >>> config_of([JointConfig(slope_passes=3)], JointConfig).slope_passes
     3

@@ -26,17 +26,9 @@ _MOST_STEPS = 2.0**52
 class NodeWindow:
     """A rectangle of nodes at whole multiples of the step, so that windows always fall upon one another.
 
-    Parameters
-    ----------
-    step_m : float
-        Distance between neighbouring nodes [m].
-    west, south : int
-        Easting and northing of the first node, in steps.
-    rows, columns : int
-        Nodes northwards and eastwards, at least 3 each.
+    `step_m`: distance between neighbouring nodes [m]. `west`, `south`: easting and northing of the first
+    node, in steps. `rows`, `columns`: nodes northwards and eastwards, at least 3 each.
 
-    Examples
-    --------
     >>> NodeWindow.over((0.3, 0.0, 2.0, 1.0), 0.5).xy[0]
     array([0., 0.])
     """
@@ -117,8 +109,6 @@ class NodeWindow:
 def in_steps(lengths_m: Sequence[float], step_m: float) -> list[float]:
     """Return coordinates and lengths [m] in steps, or refuse a step that is too small to count them.
 
-    Examples
-    --------
     >>> in_steps((10.0, 5.0), 2.5)
     [4.0, 2.0]
     """

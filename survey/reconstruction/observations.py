@@ -34,13 +34,7 @@ class Observations:
 
     @classmethod
     def of(cls, points: SurfacePoints, quantity: str = ELEVATION) -> Self:
-        """Return the points' elevation, or another quantity that they carry.
-
-        Raises
-        ------
-        InputError
-            When the points do not carry it, or not its standard deviation.
-        """
+        """Return the points' elevation, or another quantity that they carry."""
         if quantity == ELEVATION:
             return cls(points.xy, points.z, points.sigma_z**2)
         if quantity not in points.values:
@@ -86,26 +80,13 @@ def variance_through_slope(covariance: FloatArray, slope: FloatArray) -> FloatAr
     surface, to first order (McHutchon and Rasmussen 2011, with the covariances between
     height and place retained, which Eq. 7 of the glacier paper drops).
 
-    Parameters
-    ----------
-    covariance : (N, 3, 3) ndarray
-        Of easting, northing and elevation [m²].
-    slope : (N, 2) ndarray
-        Derivatives of the surface to the east and to the north at the points [m/m].
+    `covariance` (N, 3, 3): of easting, northing and elevation [m²]. `slope` (N, 2): derivatives of the
+    surface to the east and to the north at the points [m/m]. Returns (N,): variance [m²]; never less than a
+    millionth of the trace, since a covariance may be singular along a.
 
-    Returns
-    -------
-    (N,) ndarray
-        Variance [m²]; never less than a millionth of the trace, since a covariance may be
-        singular along a.
-
-    Notes
-    -----
     First order: where the slope changes within the horizontal error, the variance is
     too small. Errors that neighbouring points share are not seen.
 
-    Examples
-    --------
     >>> variance_through_slope(np.diag([0.25, 0.25, 0.01])[None], np.array([[0.2, 0.0]]))
     array([0.02])
     """
@@ -126,14 +107,8 @@ _N_NAMED = 20
 class Outliers:
     """Points whose leave-one-out z-score exceeds that of normal errors (`suspicious_z`), the worst first.
 
-    Parameters
-    ----------
-    index : (K,) ndarray of int
-        Rows of the points as they were given.
-    z : (K,) ndarray
-        Error of the others' prediction in its standard deviations, with its sign.
-    treatment : str
-        What was done about them.
+    `index` (K,) int: rows of the points as they were given. `z` (K,): error of the others' prediction in its
+    standard deviations, with its sign. `treatment`: what was done about them.
     """
 
     index: IntArray
@@ -160,8 +135,6 @@ class Outliers:
 def suspicious_z(n: int) -> float:
     """Return how many standard deviations make a point suspicious: 4, or more where n normal errors reach 4 by chance.
 
-    Examples
-    --------
     >>> [suspicious_z(100), round(suspicious_z(1_000_000), 2)]
     [4.0, 5.45]
     """
@@ -171,8 +144,6 @@ def suspicious_z(n: int) -> float:
 def distrusted(variance: FloatArray, z_scores: FloatArray) -> FloatArray:
     """Return noise variances (N,) that grow with what lies beyond 2.5 standard deviations (Huber's weights).
 
-    Examples
-    --------
     >>> distrusted(np.ones(3), np.array([0.0, -2.5, 25.0]))
     array([ 1.,  1., 10.])
     """
@@ -246,19 +217,6 @@ class Blunders(NamedTuple):
 def without_blunders(points: SurfacePoints) -> tuple[SurfacePoints, Blunders]:
     """Return points without those whose height is a blunder, and the blunders.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-
-    Returns
-    -------
-    SurfacePoints, Blunders
-        The same points where there is none, where they are fewer than 30, and where they are more than 300,000, which are not
-        tested.
-
-    Examples
-    --------
     >>> x, y = np.meshgrid(np.arange(10.0), np.arange(10.0))
     >>> z = 0.1 * x
     >>> z[4, 6] += 50.0
@@ -299,18 +257,7 @@ def _n_most(points: SurfacePoints) -> int:
 
 
 def refuse_feet_among_metres(points: SurfacePoints) -> None:
-    """Refuse heights of two groups of which one is 3.28 times as high as the other.
-
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-
-    Raises
-    ------
-    InputError
-        Between the groups lies more than within either, and their medians have the ratio of a metre to a foot.
-    """
+    """Refuse heights of two groups of which one is 3.28 times as high as the other."""
     height = np.sort(points.z)
     if len(height) < _LEAST_POINTS or height[0] <= 0.0:
         return
@@ -327,18 +274,7 @@ def refuse_feet_among_metres(points: SurfacePoints) -> None:
 
 
 def refuse_far_places(points: SurfacePoints) -> None:
-    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does.
-
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-
-    Raises
-    ------
-    InputError
-        At most 2 % of the points are more than 50 times as far away as the others extend.
-    """
+    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does."""
     if len(points) < _LEAST_POINTS:
         return
     low, middle, high = np.quantile(points.xy, [_MOST_SHARE, 0.5, 1.0 - _MOST_SHARE], axis=0)

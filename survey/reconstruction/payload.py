@@ -92,20 +92,9 @@ def lag_response(duration_s: FloatArray, lag_s: float) -> FloatArray:
 
     The sensor is settled at the begin.
 
-    Parameters
-    ----------
-    duration_s : (n,) ndarray
-        Durations of the blocks [s].
-    lag_s : float
-        Time constant of the sensor [s].
+    `duration_s` (n,): durations of the blocks [s]. `lag_s`: time constant of the sensor [s]. Returns (n, n):
+    lower triangular; its rows sum to 1.
 
-    Returns
-    -------
-    (n, n) ndarray
-        Lower triangular; its rows sum to 1.
-
-    Examples
-    --------
     >>> lag_response(np.array([5.0, 5.0]), 5.0).round(3).tolist()
     [[1.0, 0.0], [0.632, 0.368]]
     """
@@ -137,12 +126,7 @@ _LEAST_EXTENT_M = 1.0
 class PayloadHyperparameters(NamedTuple):
     """Covariance function of a quantity, and standard deviation of the noise of a reading, in its unit.
 
-    Parameters
-    ----------
-    kernel : Stationary
-        Its variance is in the unit squared.
-    noise_sd : float
-        Standard deviation of the noise of one reading.
+    `kernel`: its variance is in the unit squared. `noise_sd`: standard deviation of the noise of one reading.
     """
 
     kernel: Stationary
@@ -152,14 +136,8 @@ class PayloadHyperparameters(NamedTuple):
 class PayloadProcess:
     """Posterior of a quantity given averages of readings.
 
-    Parameters
-    ----------
-    readings : AveragedReadings
-        Averages, places and response of the sensor.
-    elevation_m : (n,) ndarray
-        Elevation at the places [m].
-    hyperparameters : PayloadHyperparameters
-        As `fitted` finds them, or as they are known.
+    `readings`: averages, places and response of the sensor. `elevation_m` (n,): elevation at the places [m].
+    `hyperparameters`: as `fitted` finds them, or as they are known.
     """
 
     def __init__(
@@ -220,21 +198,7 @@ def fitted(
     maximum of the restricted likelihood, and represented by five points with equal mean and covariance; families
     are weighted by Laplace's approximation of their evidence.
 
-    Parameters
-    ----------
-    readings : AveragedReadings
-        Some hundred averages.
-    elevation_m : (n,) ndarray
-        Elevation at their places [m].
-    noise_sd : float
-        Stated standard deviation of a reading's noise, where the search begins.
-    families : sequence of type
-        Covariance functions that are considered.
-
-    Returns
-    -------
-    list of (float, PayloadHyperparameters)
-        Weights sum to 1; families below a hundredth are left out.
+    `elevation_m` (n,): elevation at their places [m].
     """
     columns = readings.seen(np.column_stack([np.ones(len(elevation_m)), elevation_m - elevation_m.mean()]))
     spread = float(np.var(readings.value - columns @ np.linalg.lstsq(columns, readings.value, rcond=None)[0]))
@@ -365,33 +329,9 @@ def map_payload(
     function, length scale, variance and noise are fitted to the readings by restricted likelihood; a sensor's lag
     is part of the model of its readings.
 
-    Parameters
-    ----------
-    logs : sequence of PayloadLog
-        Readings of the same quantity, one log for each drive.
-    trajectories : sequence of Trajectory or None
-        Path of each drive on the clock of its log; None for logs with places.
-    terrain : Dem
-        Elevation on the grid and along the drives, for example the map of the survey.
-    grid : Grid
-        Nodes of the map, in the CRS of the terrain.
-    terrain_std : Dem, optional
-        Standard deviation of that elevation [m].
-    hyperparameters : PayloadHyperparameters, optional
-        Covariance function and noise, where they are known; otherwise the map is the mean over their posterior.
+    `terrain_std`: standard deviation of that elevation [m]. Returns: mean and standard deviation in the unit
+    of the quantity; NaN where the terrain has no height.
 
-    Returns
-    -------
-    Reconstruction
-        Mean and standard deviation in the unit of the quantity; NaN where the terrain has no height.
-
-    Raises
-    ------
-    InputError
-        Logs of different quantities, in another CRS, or away from the terrain.
-
-    Notes
-    -----
     The field is taken as constant during the drive, the offset of a sensor as known, and places as exact: their
     errors must be small beside the length scale. Averages over blocks of the way (at most 1,000 in all) replace
     single readings, so that structure finer than a block is noise.
@@ -431,8 +371,6 @@ def mixture(
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of a mixture of distributions with means and standard deviations.
 
-    Examples
-    --------
     >>> one = np.ones(1)
     >>> mean, std = mixture([0.5, 0.5], [(0.0 * one, one), (2.0 * one, one)])
     >>> float(mean[0]), round(float(std[0]), 3)
@@ -451,17 +389,7 @@ def payload_grid(grid: Grid) -> Grid:
 
 
 def write_payload(mapped: Reconstruction, log: PayloadLog, folder: Path) -> None:
-    """Write a map as GeoTIFF with its facts, and as NetCDF with the unit and the standard name of the quantity.
-
-    Parameters
-    ----------
-    mapped : Reconstruction
-        Map of the quantity of the log.
-    log : PayloadLog
-        Names the quantity.
-    folder : pathlib.Path
-        Existing folder.
-    """
+    """Write a map as GeoTIFF with its facts, and as NetCDF with the unit and the standard name of the quantity."""
     mapped.write(folder)
     quantity, mean = log.quantity, mapped.mean
     named = {} if quantity.standard_name is None else {"standard_name": quantity.standard_name}

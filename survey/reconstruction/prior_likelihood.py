@@ -32,16 +32,9 @@ _MOST_CELLS = 256
 class Innovations(NamedTuple):
     """Cells less what points alone state about them.
 
-    Parameters
-    ----------
-    centre : (C, 2) ndarray
-        Places of the cells [m].
-    value_m : (C,) ndarray
-        Cell less mean of the terrain [m].
-    covariance : (C, C) ndarray
-        Of the means of the terrain, and of tilt and shift of the prior [m²].
-    level_sigma_m : float
-        Standard deviation of a vertical offset that all cells share, as the class of the prior has it [m].
+    `centre` (C, 2): places of the cells [m]. `value_m` (C,): cell less mean of the terrain [m]. `covariance`
+    (C, C): of the means of the terrain, and of tilt and shift of the prior [m²]. `level_sigma_m`: standard
+    deviation of a vertical offset that all cells share, as the class of the prior has it [m].
     """
 
     centre: FloatArray
@@ -66,18 +59,10 @@ class Innovations(NamedTuple):
 class ErrorSizes(NamedTuple):
     """Likeliest sizes of the errors of a prior's cells.
 
-    Parameters
-    ----------
-    white_m, correlated_m : float
-        Standard deviations [m].
-    correlation_m : float
-        Distance over which the correlation falls to 1/e [m].
-    white_log_sd, correlated_log_sd : float
-        Posterior standard deviations of the logarithms of the two.
-    log_evidence : float
-        Log likelihood of the cells, integrated over the sizes.
-    level_factor : float
-        Size of the vertical offset over that of the product's class.
+    `white_m`, `correlated_m`: standard deviations [m]. `correlation_m`: distance over which the correlation
+    falls to 1/e [m]. `white_log_sd`, `correlated_log_sd`: posterior standard deviations of the logarithms of
+    the two. `log_evidence`: log likelihood of the cells, integrated over the sizes. `level_factor`: size of
+    the vertical offset over that of the product's class.
     """
 
     white_m: float
@@ -91,15 +76,7 @@ class ErrorSizes(NamedTuple):
     def covariance(self, centre: FloatArray) -> FloatArray:
         """Return the covariance (C, C) of the errors of cells at places (C, 2) [m²].
 
-        Parameters
-        ----------
-        centre : (C, 2) ndarray
-            Places [m].
-
-        Returns
-        -------
-        (C, C) ndarray
-            Covariance [m²].
+        `centre` (C, 2): places [m]. Returns (C, C): covariance [m²].
         """
         shared = self.correlated_m**2 * correlation(centre, self.correlation_m)
         return shared + self.white_m**2 * np.eye(len(centre))
@@ -108,20 +85,8 @@ class ErrorSizes(NamedTuple):
 def correlation(centre: FloatArray, length_m: float) -> FloatArray:
     """Return the correlation (C, C) of errors that neighbouring cells share, exp(-d / l).
 
-    Parameters
-    ----------
-    centre : (C, 2) ndarray
-        Places [m].
-    length_m : float
-        l [m].
+    `centre` (C, 2): places [m]. `length_m`: l [m]. Returns (C, C): correlations.
 
-    Returns
-    -------
-    (C, C) ndarray
-        Correlations.
-
-    Examples
-    --------
     >>> correlation(np.array([[0.0, 0.0], [30.0, 40.0]]), 50.0).round(3)
     array([[1.   , 0.368],
            [0.368, 1.   ]])
@@ -132,20 +97,7 @@ def correlation(centre: FloatArray, length_m: float) -> FloatArray:
 
 
 def likeliest_sizes(innovations: Innovations, errors: PriorErrors) -> ErrorSizes:
-    """Return the sizes of greatest posterior density.
-
-    Parameters
-    ----------
-    innovations : Innovations
-        Cells less what points alone state.
-    errors : PriorErrors
-        Prior of the sizes.
-
-    Returns
-    -------
-    ErrorSizes
-        The mode, its spread, and the evidence.
-    """
+    """Return the sizes of greatest posterior density."""
     few = innovations.thinned()
     white_m = _sizes(errors.white, _WHITE_M)
     nodes = list(_nodes(few, errors))
@@ -241,14 +193,9 @@ _WRONG_SHARE, _WRONG_M = 0.05, (0.1, 100.0)
 class Level(NamedTuple):
     """Vertical offset of a prior from the points.
 
-    Parameters
-    ----------
-    offset_m : float
-        Prior less points, by generalized least squares [m].
-    sigma_m : float
-        Its standard deviation from points and cells [m].
-    assumed_sigma_m : float
-        Standard deviation that the prior's error model allows for an offset [m].
+    `offset_m`: prior less points, by generalized least squares [m]. `sigma_m`: its standard deviation from
+    points and cells [m]. `assumed_sigma_m`: standard deviation that the prior's error model allows for an
+    offset [m].
     """
 
     offset_m: float
@@ -281,17 +228,7 @@ class Level(NamedTuple):
 def level(innovations: Innovations, assumed_sigma_m: float) -> Level:
     """Return the vertical offset of cells whose covariance leaves an offset out.
 
-    Parameters
-    ----------
-    innovations : Innovations
-        Cells less what points alone state, with the covariance of all errors but the offset.
-    assumed_sigma_m : float
-        Standard deviation that the error model allows for the offset [m].
-
-    Returns
-    -------
-    Level
-        The offset and its standard deviation.
+    `assumed_sigma_m`: standard deviation that the error model allows for the offset [m].
     """
     factor = cho_factor(innovations.covariance, lower=True)
     ones = np.ones(len(innovations.value_m))
@@ -309,23 +246,8 @@ def conflicts(
 ) -> tuple[str, ...]:
     """Return one sentence for every conflict, with its size.
 
-    Parameters
-    ----------
-    found : Level
-        Vertical offset of the prior.
-    innovations : Innovations
-        Cells less what points alone state, with the covariance of all errors.
-    white_m : float
-        Independent error of a cell, as it was estimated [m].
-    expected : ErrorScale
-        The same as the product's class has it.
-    level_probability : float
-        Probability with which a level that contradicts the points is used all the same.
-
-    Returns
-    -------
-    tuple of str
-        Empty where prior and points agree.
+    `white_m`: independent error of a cell, as it was estimated [m]. Returns: empty where prior and points
+    agree.
     """
     sentences = []
     if found.is_conflict:
@@ -353,18 +275,7 @@ def conflicts(
 
 
 def misfit_chance(innovations: Innovations) -> float:
-    """Return the chance that cells differ from the points by as much, by their χ².
-
-    Parameters
-    ----------
-    innovations : Innovations
-        Cells less what points alone state, with the covariance of all errors.
-
-    Returns
-    -------
-    float
-        Upper tail probability.
-    """
+    """Return the chance that cells differ from the points by as much, by their χ²."""
     value: FloatArray = innovations.value_m
     squared = float(value @ cho_solve(cho_factor(innovations.covariance, lower=True), value))
     return float(chdtrc(len(value), squared))
@@ -373,15 +284,7 @@ def misfit_chance(innovations: Innovations) -> float:
 def misfit_log_likelihood(innovations: Innovations) -> float:
     """Return the log likelihood of cells with an offset, up to a constant.
 
-    Parameters
-    ----------
-    innovations : Innovations
-        Cells less what points alone state, with the covariance of all errors but the offset.
-
-    Returns
-    -------
-    float
-        Log density of the innovations [nats].
+    Returns: log density of the innovations [nats].
     """
     factor, value = cho_factor(innovations.with_level, lower=True), innovations.value_m
     return float(-0.5 * value @ cho_solve(factor, value) - np.log(np.diag(factor[0])).sum())

@@ -31,23 +31,6 @@ METHODS: dict[str, ReconstructionMethod] = {
 def method_named(name: str) -> ReconstructionMethod:
     """Return the method of a name.
 
-    Parameters
-    ----------
-    name : str
-        One of `METHODS`.
-
-    Returns
-    -------
-    ReconstructionMethod
-        Its needs, settings and functions.
-
-    Raises
-    ------
-    InputError
-        The name is not known.
-
-    Examples
-    --------
     >>> method_named("tin").uses_prior
     False
     """
@@ -59,8 +42,6 @@ def method_named(name: str) -> ReconstructionMethod:
 def names_where(methods: Iterable[ReconstructionMethod]) -> str:
     """Return the names of methods as one text for messages.
 
-    Examples
-    --------
     >>> names_where(method for method in METHODS.values() if method.begin)
     'field, emap or carving'
     """

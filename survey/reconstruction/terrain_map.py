@@ -313,8 +313,6 @@ def support_codes(
     less than a tenth of the prior variance (`variance_ratio`, posterior over prior, above
     0.9); interpolated otherwise.
 
-    Examples
-    --------
     >>> support_codes(np.array([0.0, 8.0, 90.0]), np.array([0.0, 0.4, 1.0]), shortest_length_m=10.0)
     array([3, 1, 0], dtype=uint8)
     """

@@ -194,8 +194,6 @@ class TerrainModel(ABC):
 def local_datum_m(z: FloatArray) -> float:
     """Return the level that heights are counted from while a model works: their median, in whole metres.
 
-    Examples
-    --------
     >>> local_datum_m(np.array([4012.2, 4013.1, 4099.0]))
     4013.0
     """

@@ -37,33 +37,11 @@ def triangulate(points: SurfacePoints, grid: Grid, *, quantity: str = ELEVATION)
 
     with the barycentric coordinates b of the node.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        At least three that do not lie on one line; several at one place are first
-        averaged by their weights 1/σ².
-    grid : Grid
-        Where to map.
-    quantity : str
-        A sampled quantity to map instead of the elevation.
+    Returns: NaN outside the points' convex hull.
 
-    Returns
-    -------
-    Reconstruction
-        NaN outside the points' convex hull.
-
-    Raises
-    ------
-    InputError
-        Fewer than three places, all on one line, or no node of the grid within them.
-
-    Notes
-    -----
     The standard deviation is that of the points' errors alone: between the points the
     surface may do what it likes, so it is too small there.
 
-    Examples
-    --------
     >>> corners = SurfacePoints([[0, 0, 0], [4, 0, 4], [0, 4, 0]], sigma_m=0.1, crs="EPSG:32608")
     >>> result = triangulate(corners, Grid((0.0, 0.0, 2.0, 2.0), 1.0))
     >>> result.mean.elevation[2]
@@ -76,18 +54,11 @@ def triangulate(points: SurfacePoints, grid: Grid, *, quantity: str = ELEVATION)
 class TriangulatedTerrain(TerrainModel):
     """Linear interpolation in Delaunay triangles, as a terrain model; silent beyond the points' hull.
 
-    Parameters
-    ----------
-    quantity : str
-        A sampled quantity to map instead of the elevation.
+    `quantity`: a sampled quantity to map instead of the elevation.
 
-    Notes
-    -----
     An update triangulates all points again. A place is measured when a point lies within
     half the diagonal of the grid's cell, or a metre when no grid is given.
 
-    Examples
-    --------
     >>> corners = SurfacePoints([[0, 0, 0], [4, 0, 4], [0, 4, 0]], sigma_m=0.1, crs="EPSG:32608")
     >>> TriangulatedTerrain().fit(corners).predict([[1.0, 1.0], [9.0, 9.0]])
     array([ 1., nan])

@@ -57,16 +57,8 @@ BY_STANDARD = {
 class ReportSetting:
     """Names and settings that a report states.
 
-    Parameters
-    ----------
-    title : str
-        Name of the map or survey.
-    date : str
-        Date of the report.
-    inputs : dict of str to str
-        What was compared: name of each role with its file.
-    language : str
-        Language of the statements beside English.
+    `title`: name of the map or survey. `date`: date of the report. `inputs`: what was compared: name of each
+    role with its file. `language`: language of the statements beside English.
     """
 
     title: str
@@ -162,28 +154,7 @@ def checkpoint_report(
     area: SurveyArea | None = None,
     classes: dict[str, tuple[ClassScore, ...]] | None = None,
 ) -> Document:
-    """Compose the accuracy report of a map at checkpoints.
-
-    Parameters
-    ----------
-    setting : ReportSetting
-        Title, date, names of the inputs, language.
-    dem : Dem
-        The map.
-    errors : CheckpointErrors
-        From `compare`.
-    score : CheckpointScore
-        From `score_at`, of the same errors.
-    area : SurveyArea, optional
-        The area that was judged.
-    classes : dict of str to tuple of ClassScore, optional
-        Error statistics by class, by the name of the classification.
-
-    Returns
-    -------
-    Document
-        Statements, statistics, residual table, figures, distribution of the points, citations, signature.
-    """
+    """Compose the accuracy report of a map at checkpoints."""
     figures = (
         DrawnFigure(
             "residual_map",
@@ -331,26 +302,6 @@ def reference_report(
     """Compose the accuracy report of a map against a reference raster.
 
     It holds no statement of a standard: those rest on independent checkpoints.
-
-    Parameters
-    ----------
-    setting : ReportSetting
-        Title, date, names of the inputs.
-    map_ : Dem or Reconstruction
-        The map.
-    truth : Dem
-        The reference.
-    score : Score
-        Of the same two.
-    area : SurveyArea, optional
-        The area that was judged.
-    classes : dict of str to tuple of ClassScore, optional
-        Error statistics by class, by the name of the classification.
-
-    Returns
-    -------
-    Document
-        Statistics, classes of the RMSE, figures and citations.
     """
     surveyed = map_ if isinstance(map_, Reconstruction) else _without_claim(map_)
     error = height_error(surveyed, truth, area)

@@ -20,21 +20,7 @@ def change_report(
 ) -> Document:
     """Compose the report of a change.
 
-    Parameters
-    ----------
-    setting : ReportSetting
-        Title, date, names of the inputs.
-    change : Change
-        Difference of the surveys.
-    outlines : mapping of str to polygon
-        Drawn on the map [m].
-    facts : mapping
-        From `change_facts`, with the density that was used.
-
-    Returns
-    -------
-    Document
-        Results, map, errors, assumptions, citations and signature.
+    `outlines`: drawn on the map [m].
     """
     figure = DrawnFigure(
         "change",

@@ -74,18 +74,8 @@ class DrawnFigure(NamedTuple):
 class Chapter:
     """Chapter of a document.
 
-    Parameters
-    ----------
-    heading : str
-        Its heading.
-    statements : tuple of Statement
-        Quoted texts.
-    paragraphs : tuple of str
-        Text below them.
-    tables : tuple of Table
-        Tables.
-    figures : tuple of DrawnFigure
-        Figures; two narrow ones stand side by side.
+    `heading`: its heading. `statements`: quoted texts. `paragraphs`: text below them. `tables`: tables.
+    `figures`: figures; two narrow ones stand side by side.
     """
 
     heading: str
@@ -99,18 +89,8 @@ class Chapter:
 class Document:
     """Document with a title block, sections, and lines to sign on.
 
-    Parameters
-    ----------
-    kind : str
-        What it is, such as ``"Accuracy report"``.
-    title : str
-        What it is about.
-    subtitle : str
-        Line below the title, with date and program.
-    sections : tuple of Chapter
-        In order.
-    signature : tuple of str
-        Labels of the lines to fill in by hand.
+    `kind`: what it is, such as ``"Accuracy report"``. `title`: what it is about. `subtitle`: line below the
+    title, with date and program. `sections`: in order. `signature`: labels of the lines to fill in by hand.
     """
 
     kind: str
@@ -137,23 +117,7 @@ SUFFIXES = (".html", ".pdf")
 
 
 def check_target(target: str | Path) -> Path:
-    """Refuse a file of another kind.
-
-    Parameters
-    ----------
-    target : str or pathlib.Path
-        Folder, or file that ends in ``.html`` or ``.pdf``.
-
-    Returns
-    -------
-    pathlib.Path
-        The target.
-
-    Raises
-    ------
-    ConfigError
-        Another ending.
-    """
+    """Refuse a file of another kind."""
     path = Path(target)
     if path.suffix.lower() not in ("", *SUFFIXES):
         raise ConfigError(
@@ -163,26 +127,7 @@ def check_target(target: str | Path) -> Path:
 
 
 def write_document(target: str | Path, document: Document) -> Path:
-    """Write a document; the ending of the target chooses the form. Equal documents give equal bytes.
-
-    Parameters
-    ----------
-    target : str or pathlib.Path
-        ``.pdf``: A4 pages. ``.html``: one page with everything inside. Anything without ending: a folder with
-        ``index.html``, ``report.pdf``, ``figures/*.png`` and ``tables/*.csv``.
-    document : Document
-        Its content.
-
-    Returns
-    -------
-    pathlib.Path
-        The file to open.
-
-    Raises
-    ------
-    ConfigError
-        Another ending.
-    """
+    """Write a document; the ending of the target chooses the form. Equal documents give equal bytes."""
     path = check_target(target)
     if not path.suffix:
         return _write_folder(path, document)
@@ -246,18 +191,7 @@ _LETTERS_PER_INCH = 15.0
 
 @styled
 def document_pages(document: Document) -> list[Figure]:
-    """Draw a document on A4 pages.
-
-    Parameters
-    ----------
-    document : Document
-        Its content.
-
-    Returns
-    -------
-    list of matplotlib.figure.Figure
-        The pages, with their numbers.
-    """
+    """Draw a document on A4 pages."""
     pages = _Pages(document)
     for section in document.sections:
         _add_section(pages, section)

@@ -31,24 +31,10 @@ VectorStyle = Literal["route", "area", "starts", "points"]
 class QgisLayer:
     """A file as a layer.
 
-    Parameters
-    ----------
-    name : str
-        Name in the legend.
-    file : pathlib.Path
-        A raster, or a GeoPackage or GeoJSON.
-    style : {"elevation", "hillshade", "deviation", "support", "route", "area", "starts", "points"}
-        How it is drawn.
-    band : int
-        Of rasters, counted from 1.
-    limits : (2,) tuple of float
-        Of elevation and deviation: the values at the ends of the colours [m].
-    table : str
-        Of vector files: the name of the layer within.
-    n_rovers : int
-        Of routes.
-    is_visible : bool
-        Whether the layer is switched on when the project is opened.
+    `name`: name in the legend. `file`: a raster, or a GeoPackage or GeoJSON. `style`: how it is drawn.
+    `band`: of rasters, counted from 1. `limits` (2,): of elevation and deviation: the values at the ends of
+    the colours [m]. `table`: of vector files: the name of the layer within. `n_rovers`: of routes.
+    `is_visible`: whether the layer is switched on when the project is opened.
     """
 
     name: str
@@ -70,12 +56,7 @@ class QgisLayer:
 class QgisGroup:
     """Layers under one heading of the legend, the uppermost first.
 
-    Parameters
-    ----------
-    name : str
-        The heading.
-    layers : tuple of QgisLayer
-        Its layers.
+    `name`: the heading. `layers`: its layers.
     """
 
     name: str
@@ -85,18 +66,8 @@ class QgisGroup:
 def value_limits(values: FloatArray) -> tuple[float, float]:
     """Return lowest and highest known value, at least a millimetre apart.
 
-    Parameters
-    ----------
-    values : ndarray
-        Values [m], NaN where they are not known.
+    `values`: values [m], NaN where they are not known. Returns (2,): for `QgisLayer.limits`.
 
-    Returns
-    -------
-    (2,) tuple of float
-        For `QgisLayer.limits`.
-
-    Examples
-    --------
     >>> value_limits(np.array([1.0, np.nan, 3.0]))
     (1.0, 3.0)
     """
@@ -125,20 +96,7 @@ def write_project(
 
     Equal input gives equal bytes. Files are named relative to the project, so that the folder can be moved.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Ends in ``.qgz``.
-    title : str
-        Title of the project.
-    groups : sequence of QgisGroup
-        The uppermost first.
-    crs : pyproj.CRS
-        Projected CRS of project and layers.
-    bounds : (4,) tuple of float
-        West, south, east, north of the view [m].
-    place : pathlib.Path, optional
-        Where the project will stand, if it is written elsewhere first.
+    `bounds` (4,): west, south, east, north of the view [m].
     """
     folder = (place or Path(path)).absolute().parent
     root = ET.Element("qgis", projectname=title, version=_VERSION)

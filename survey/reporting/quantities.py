@@ -43,8 +43,6 @@ class TableRow(NamedTuple):
 def number(value: float | None, unit: str = "", decimals: int = 3) -> str:
     """Write a number and, behind a space that does not break, its unit; a dash when there is none.
 
-    Examples
-    --------
     >>> number(0.31249, "m").split(), number(None, "m")
     (['0.312', 'm'], '–')
     """
@@ -74,8 +72,6 @@ def rounded(value: float) -> str:
 def percent(share: float | None) -> str:
     """Write a share as a percentage.
 
-    Examples
-    --------
     >>> percent(0.9481)
     '94.8%'
     """
@@ -89,8 +85,6 @@ _READ_BY_PEOPLE = {"_s": duration_text, "_j": energy_text, "_share": percent}
 def named_values(values: Mapping[str, float | None]) -> list[TableRow]:
     """Turn names with unit suffixes into table rows; names that begin with ``n_`` are counts.
 
-    Examples
-    --------
     >>> [(row.name, row.value.split()) for row in named_values({"drift_rmse_m": 0.25, "n_loops": 3})]
     [('Drift RMSE', ['0.250', 'm']), ('Loops', ['3'])]
     >>> [(row.name, row.value) for row in named_values({"time_s": 8100.0, "left_out_share": 0.02})]

@@ -23,20 +23,7 @@ _SPACES = str.maketrans({"\u00a0": " ", "\u202f": "", "\u2009": "", "\u2212": "-
 
 
 def rendered(template: str, **content: object) -> str:
-    """Return a page from its template; text is escaped, and a name that is missing is an error.
-
-    Parameters
-    ----------
-    template : str
-        Name of a file in ``survey/reporting/templates``.
-    **content
-        Values by their names in the template.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return a page from its template; text is escaped, and a name that is missing is an error."""
     environment = Environment(
         loader=PackageLoader("survey.reporting", "templates"),
         autoescape=True,
@@ -52,8 +39,6 @@ def rendered(template: str, **content: object) -> str:
 def csv_source(rows: Iterable[Sequence[object]]) -> str:
     r"""Return rows as a data URI of CSV, for the download of a table; formulas are escaped.
 
-    Examples
-    --------
     >>> base64.b64decode(csv_source([["RMSE", "0.4\u00a0m"]]).split(",")[1]).decode()
     'RMSE,0.4 m\n'
     """

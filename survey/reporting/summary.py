@@ -34,8 +34,6 @@ def verdict_label(verdict: Verdict) -> str:
 def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
     """Say if the first class was met, with the RMSE beside its limit, and which is the tightest one met.
 
-    Examples
-    --------
     >>> from survey.scoring import judge
     >>> print(*verdict_sentence(judge(0.28)).split())
     The map meets Class 3 of ASPRS 1990 as read in the glacier paper, for a contour interval of 2.743 m: its RMSE is 0.280 m, the limit 0.457 m. The tightest limit that it meets is 0.305 m (Class 2, interval 1.829 m).
@@ -79,8 +77,6 @@ def calibration_sentence(calibration: Calibration) -> str:
     the two it is well calibrated, unless rare large errors make their root mean square 1.25 times the
     claim.
 
-    Examples
-    --------
     >>> calibration_sentence(Calibration((0.95,), (0.949,), 0.949, 1.02))
     'The claimed uncertainty is well calibrated: 94.9% of the errors lie within the claimed 95% interval, and errors are 1.02 times as large as claimed.'
     """

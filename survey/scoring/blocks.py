@@ -39,24 +39,6 @@ def score_files(
 
     What `survey.score` does in memory; a second band of the map is its standard deviation.
 
-    Parameters
-    ----------
-    map_file, reference_file : str or pathlib.Path
-        Rasters in one CRS; the reference is interpolated bilinearly to the map's cell centres.
-    area : SurveyArea, optional
-        Only cells whose centres lie on its free ground count; where the map has no height, the ground beyond
-        its raster included, the area is not covered.
-    crs : str or pyproj.CRS, optional
-        Of files that carry none or a local one (LOCAL_CS).
-
-    Raises
-    ------
-    InputError
-        Damaged files, mixed CRS or datums, rotated rasters, no common cell, or unknown cells that hold a number
-        which the file does not declare.
-
-    Notes
-    -----
     At the edge of the reference, the outer half cell does not count unless a cell beyond it is known.
     """
     errors, calibration = ErrorSketch(), CalibrationSketch()
@@ -210,8 +192,6 @@ class ErrorSketch:
     Mean, RMSE and higher moments are exact to rounding; median, NMAD and percentile to 2e-5 of
     their distance from the first block's median. The largest error is exact.
 
-    Examples
-    --------
     >>> errors = np.random.default_rng(1).normal(0.2, 0.5, 20_000)
     >>> sketch = ErrorSketch()
     >>> for part in np.split(errors, 10):

@@ -35,16 +35,9 @@ NO_CLASS = "no class"
 class ClassScore:
     """Error statistics of one class.
 
-    Parameters
-    ----------
-    name : str
-        Name of the class.
-    n : int
-        Number of errors in it.
-    rmse_m, nmad_m, bias_m : float
-        Root mean square, normalized median absolute deviation and mean of the errors [m].
-    coverage_95 : float
-        Share of the errors within ±1.96 stated standard deviations; NaN where none is stated.
+    `name`: name of the class. `n`: number of errors in it. `rmse_m`, `nmad_m`, `bias_m`: root mean square,
+    normalized median absolute deviation and mean of the errors [m]. `coverage_95`: share of the errors within
+    ±1.96 stated standard deviations; NaN where none is stated.
     """
 
     name: str
@@ -58,27 +51,9 @@ class ClassScore:
 def class_scores(errors: Any, std: Any, classes: Any) -> tuple[ClassScore, ...]:
     """Compute error statistics for each class.
 
-    Parameters
-    ----------
-    errors : (N,) array_like
-        Map minus reference [m].
-    std : (N,) array_like
-        Stated standard deviations [m]; NaN where none is stated.
-    classes : (N,) array_like of str
-        Name of the class of each error.
+    `errors` (N,): map minus reference [m]. `std` (N,): stated standard deviations [m]; NaN where none is
+    stated. `classes` (N,) str: name of the class of each error.
 
-    Returns
-    -------
-    tuple of ClassScore
-        One for each class that occurs, in the order of their names as `sorted` by numbers and letters.
-
-    Raises
-    ------
-    InputError
-        Arrays of different lengths, or none.
-
-    Examples
-    --------
     >>> rows = class_scores([0.1, -0.1, 0.4], [0.1, 0.1, 0.1], ["ice", "ice", "rock"])
     >>> [(row.name, row.n, round(row.rmse_m, 2), row.coverage_95) for row in rows]
     [('ice', 2, 0.1, 1.0), ('rock', 1, 0.4, 0.0)]
@@ -97,20 +72,9 @@ def slope_classes(
 ) -> npt.NDArray[np.str_]:
     """Return the name of the class of each slope (N,) [deg].
 
-    Parameters
-    ----------
-    slope_deg : (N,) ndarray
-        Slopes [deg]; NaN belongs to no class.
-    edges_deg : sequence of float
-        Limits of the classes, ascending [deg]; a limit belongs to the steeper class.
+    `slope_deg` (N,): slopes [deg]; NaN belongs to no class. `edges_deg`: limits of the classes, ascending
+    [deg]; a limit belongs to the steeper class. Returns (N,) str: such as ``"5 to 10°"``.
 
-    Returns
-    -------
-    (N,) ndarray of str
-        Such as ``"5 to 10°"``.
-
-    Examples
-    --------
     >>> slope_classes(np.array([0.0, 5.0, 40.0, np.nan])).tolist()
     ['0 to 5°', '5 to 10°', '30 to 90°', 'no class']
     """
@@ -141,28 +105,8 @@ _COLUMNS = ("class", "landcover", "land_cover", "cover", "lc", "type", "name")
 def land_cover_at(path: str | Path, xy: FloatArray, crs: CRS, column: str | None = None) -> npt.NDArray[Any]:
     """Return the name of the class at each place.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Raster of whole numbers, or polygons, in any CRS.
-    xy : (N, 2) ndarray
-        Easting and northing [m].
-    crs : pyproj.CRS
-        CRS of the places.
-    column : str, optional
-        Column of polygons that names the class; by default one of class, landcover, cover, type, name, or the only
-        one.
-
-    Returns
-    -------
-    (N,) ndarray of str
-        Classes of polygons by name, codes of a raster as ``"3"``; ``"no class"`` beyond them. Of polygons that
-        overlap the first in the file counts.
-
-    Raises
-    ------
-    InputError
-        A file that is damaged or has no CRS, decimals in a raster, or no column that could be the class.
+    `xy` (N, 2): easting and northing [m]. Returns (N,) str: classes of polygons by name, codes of a raster as
+    ``"3"``; ``"no class"`` beyond them. Of polygons that overlap the first in the file counts.
     """
     if Path(path).suffix.lower() in VECTOR_SUFFIXES:
         return _by_polygons(Path(path), xy, crs, column)

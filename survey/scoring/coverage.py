@@ -375,8 +375,6 @@ def nodes_beyond(bounds: Bounds, step_m: float, area: SurveyArea) -> int:
 def covered_share(dem: Dem, area: SurveyArea) -> float:
     """Return the share of an area's free ground on which a map gives a height.
 
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.5, 0.5, 9.5, 9.5), 1.0, "EPSG:32608")
     >>> area = SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608")

@@ -279,12 +279,8 @@ class CoarseCells:
 
     (block kriging, Journel and Huijbregts 1978).
 
-    Parameters
-    ----------
-    prior : Dem
-        Coarse elevations; cells without a height are left out.
-    sigma_m : float
-        Standard deviation of a cell's error, independent from cell to cell [m].
+    `prior`: coarse elevations; cells without a height are left out. `sigma_m`: standard deviation of a cell's
+    error, independent from cell to cell [m].
     """
 
     prior: Dem
@@ -359,17 +355,9 @@ class ConditionalTerrain:
     A free draw of the field is corrected by kriging the difference between what the cells show and what
     they would have shown of the draw (Journel and Huijbregts 1978, conditioning by kriging).
 
-    Parameters
-    ----------
-    cells : CoarseCells
-        Mean elevations of coarse cells [m], as measured.
-    kernel : Kernel
-        Covariance of the terrain about an unknown constant [m²].
-    grid : Grid
-        Nodes of the terrain, on the cells' ground.
+    `cells`: mean elevations of coarse cells [m], as measured. `kernel`: covariance of the terrain about an
+    unknown constant [m²]. `grid`: nodes of the terrain, on the cells' ground.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import Matern52
     >>> coarse = Dem.on(Grid((37.5, 37.5, 562.5, 562.5), 75.0), np.arange(64.0).reshape(8, 8))
     >>> drawn = ConditionalTerrain(
@@ -385,13 +373,7 @@ class ConditionalTerrain:
     grid: Grid
 
     def draw(self, rng: np.random.Generator) -> Dem:
-        """Return one surface.
-
-        Raises
-        ------
-        InputError
-            A grid too coarse for the kernel, or beyond the ground whose cells are known.
-        """
+        """Return one surface."""
         return self.conditioned(Dem.on(self.wide, kernel_field(self.wide, rng, self.kernel)), rng)
 
     @cached_property
@@ -406,22 +388,7 @@ class ConditionalTerrain:
     def conditioned(self, free: Dem, rng: np.random.Generator) -> Dem:
         """Return a surface on the `wide` nodes corrected so that it agrees with the cells.
 
-        Parameters
-        ----------
-        free : Dem
-            Any surface on the `wide` nodes [m]; relief that the cells do not show stays.
-        rng : numpy.random.Generator
-            Source of the errors of the cells.
-
-        Returns
-        -------
-        Dem
-            On the nodes of the terrain.
-
-        Raises
-        ------
-        InputError
-            Cells beyond the surface.
+        `free`: any surface on the `wide` nodes [m]; relief that the cells do not show stays.
         """
         missing = self.cells.height_m - self.cells.seen_in(free)
         if np.isnan(missing).any():

@@ -151,22 +151,12 @@ _MOST_CELLS = 4000
 class ProductErrors:
     """Errors of one copy of an elevation product, as they were drawn; the defaults are none.
 
-    Parameters
-    ----------
-    offset_m : float
-        Height by which all cells are too high [m].
-    tilt_m_per_km : (2,) tuple of float
-        Slope of the error to the east and to the north, about the middle of the copy [m/km].
-    shift_m : (2,) tuple of float
-        Displacement of the copy to the east and to the north [m].
-    correlated_sigma_m, correlation_m : float
-        Standard deviation of the error that neighbouring cells share, and the distance over which its correlation
-        falls to 1/e [m].
-    sigma_m : float
-        Standard deviation of each cell's independent error [m].
+    `offset_m`: height by which all cells are too high [m]. `tilt_m_per_km` (2,): slope of the error to the
+    east and to the north, about the middle of the copy [m/km]. `shift_m` (2,): displacement of the copy to
+    the east and to the north [m]. `correlated_sigma_m`, `correlation_m`: standard deviation of the error that
+    neighbouring cells share, and the distance over which its correlation falls to 1/e [m]. `sigma_m`:
+    standard deviation of each cell's independent error [m].
 
-    Examples
-    --------
     >>> ProductErrors(offset_m=0.5).is_white
     False
     """
@@ -180,20 +170,7 @@ class ProductErrors:
 
     @classmethod
     def drawn(cls, errors: PriorErrors, rng: np.random.Generator) -> Self:
-        """Draw offset, tilt and shift of a class of products; sizes of the others are its medians.
-
-        Parameters
-        ----------
-        errors : PriorErrors
-            Error model of the class.
-        rng : numpy.random.Generator
-            For the draw.
-
-        Returns
-        -------
-        ProductErrors
-            One draw.
-        """
+        """Draw offset, tilt and shift of a class of products; sizes of the others are its medians."""
         offset, *others = rng.standard_normal(5).tolist()
         tilt, shift = errors.tilt_sigma_m_per_km, errors.shift_sigma_m
         return cls(
@@ -221,31 +198,8 @@ def product_copy(
 ) -> SatelliteDem:
     """Return the block means of a displaced DEM, with the errors of a product.
 
-    Parameters
-    ----------
-    dem : Dem
-        The terrain. What a displacement brings in from beyond its edge continues the edge.
-    errors : ProductErrors
-        Errors of the copy.
-    rng : numpy.random.Generator
-        For the white error.
-    cell_m : float
-        Width of a coarse cell [m].
-    correlated_rng : numpy.random.Generator, optional
-        For the correlated error; `rng` by default.
+    `cell_m`: width of a coarse cell [m].
 
-    Returns
-    -------
-    SatelliteDem
-        In the same CRS and vertical datum; the same as `satellite_copy` where the errors are white.
-
-    Raises
-    ------
-    InputError
-        What `satellite_copy` refuses, or correlated errors of more than 4,000 cells.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> flat = Dem.on(Grid((0.0, 0.0, 600.0, 600.0), 5.0), np.full((121, 121), 7.0))
     >>> high = ProductErrors(offset_m=0.5, sigma_m=0.0)

@@ -75,21 +75,7 @@ def agrees_better_delayed(
     the fixes as they are and to the fixes moved by the delay; the delay must gain a log likelihood of 10, or
     0.02 for each fix of a long drive.
 
-    Parameters
-    ----------
-    recording : OdometryRecording
-        Odometry and fixes.
-    path : (N, 3) ndarray
-        Dead-reckoned positions [m].
-    config : LocalizationConfig
-        Errors assumed of the sensors.
-    delay_s : float
-        Delay of the fixes [s].
-
-    Returns
-    -------
-    bool
-        Whether it does.
+    `path` (N, 3): dead-reckoned positions [m]. `delay_s`: delay of the fixes [s].
     """
     gps, (first_s, last_s) = recording.gps, recording.odometry.time_s[[0, -1]]
     beyond_s = abs(delay_s)
@@ -243,21 +229,7 @@ def reconcile(
     evidence with these fixes moved back by a constant offset, times the prior probability of a
     jump. Without a refusal at the end, wider errors must gain a log likelihood of 10.
 
-    Parameters
-    ----------
-    recording : OdometryRecording
-        Odometry and fixes.
-    path : (N, 3) ndarray
-        Dead-reckoned positions [m].
-    config : LocalizationConfig
-        Errors assumed of the sensors.
-    online : OnlinePath
-        Result of the filter with these errors.
-
-    Returns
-    -------
-    Agreement
-        The assumed errors and the accepted fixes where nothing contradicts them.
+    `path` (N, 3): dead-reckoned positions [m].
     """
     tail = _refused_tail(recording, online)
     used = online.accepted | tail
@@ -374,20 +346,7 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     the slow error of the receiver, which neighbours share: what successive errors by the path have in common does not
     count, up to the assumed variance of that error.
 
-    Parameters
-    ----------
-    recording : OdometryRecording
-        Odometry and fixes.
-    path : (N, 3) ndarray
-        Dead-reckoned positions [m].
-    config : LocalizationConfig
-        Errors assumed of the sensors.
-
-    Returns
-    -------
-    bool
-        Whether the other squared horizontal errors by the path sum to more, with the first fix and the last or
-        without; False for fewer than five fixes.
+    `path` (N, 3): dead-reckoned positions [m].
     """
     time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
     gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
@@ -428,20 +387,6 @@ def along_fixes(
     """Replace the odometry by straight lines between the fixes, with the errors of such lines.
 
     Roll and pitch stay; the heading is that of the lines.
-
-    Parameters
-    ----------
-    recording : OdometryRecording
-        Odometry and fixes.
-    config : LocalizationConfig
-        Errors assumed of the sensors.
-
-    Returns
-    -------
-    recording : OdometryRecording
-        Its path goes through the fixes.
-    config : LocalizationConfig
-        With the errors of straight lines between fixes.
     """
     odometry, gps = recording.odometry, recording.gps
     level = _extended(odometry.time_s, gps) - [0.0, 0.0, recording.antenna_height_m]

@@ -33,18 +33,6 @@ def refuse_swapped_images(odometry: Odometry) -> None:
 
     At constant velocity v and equal intervals, steps past a swapped pair are v, 2 v, −v, 2 v, v.
 
-    Parameters
-    ----------
-    odometry : Odometry
-        Steps of images, in any unit.
-
-    Raises
-    ------
-    InputError
-        Five steps in a row agree with that within 30 % of v.
-
-    Examples
-    --------
     >>> ahead = np.array([1.0, 1.0, 2.0, -1.0, 2.0, 1.0])
     >>> steps = np.column_stack([ahead, np.zeros(6), np.zeros(6)])
     >>> refuse_swapped_images(Odometry(0.1 * np.arange(7.0), steps, np.zeros((7, 3))))
@@ -74,23 +62,8 @@ def check_start_by_fixes(
     is more than five standard deviations of a fix and of the reckoned path from the surveyed
     one, the start is taken from the fixes, counts as unknown, and a warning is logged.
 
-    Parameters
-    ----------
-    recording : Recording
-        With `start` and fixes.
-    path : (N, 3) array_like
-        Reckoned from that start, under any heading [m].
-    time_s : (N,) array_like
-        Times of its poses.
-    config : LocalizationConfig
-        Errors assumed of receiver and start.
-
-    Returns
-    -------
-    recording : OdometryRecording
-        With the start to use.
-    config : LocalizationConfig
-        With ``start="unknown"`` where the start was replaced.
+    `path` (N, 3): reckoned from that start, under any heading [m]. `time_s` (N,): times of its poses. Returns
+    `config`: with ``start="unknown"`` where the start was replaced.
     """
     if config.start != "surveyed":
         return recording, config
@@ -192,8 +165,6 @@ class _Shifts:
 def remove_repeated_fixes(gps: GpsFixes) -> GpsFixes:
     """Remove fixes that repeat the one before to the last digit: the receiver froze or was polled too often.
 
-    Examples
-    --------
     >>> place = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1.0, 0.1, 0.0], [3.0, 0.0, 0.1]])
     >>> remove_repeated_fixes(GpsFixes(np.arange(4.0), place)).time_s.tolist()
     [0.0, 1.0, 3.0]

@@ -34,24 +34,8 @@ def scale_by_fixes(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> tuple
 
     .. math:: s = |Σ g \bar z| / Σ |z|²
 
-    Parameters
-    ----------
-    path : (N, 3) ndarray
-        Positions in any unit and under any heading.
-    time_s : (N,) ndarray
-        Their times [s].
-    gps : GpsFixes
-        Fixes; those outside the times of the path are ignored.
+    `path` (N, 3): positions in any unit and under any heading. `time_s` (N,): their times [s].
 
-    Returns
-    -------
-    factor : float
-        Metres per unit of the path.
-    sigma : float
-        Relative error of the factor.
-
-    Examples
-    --------
     >>> time_s = np.arange(50.0)
     >>> path = np.column_stack([time_s, 0.1 * time_s, np.zeros(50)])
     >>> round(scale_by_fixes(path, time_s, GpsFixes(time_s, 2.5 * path))[0], 6)
@@ -73,21 +57,7 @@ def fit_scale(visual: VisualOdometry, start: FloatArray, gps: GpsFixes) -> tuple
     The path of the body is that of the camera times the factor, less the lever arm in metres: the factor is
     found by fixed-point iteration.
 
-    Parameters
-    ----------
-    visual : VisualOdometry
-        Motion in any unit.
-    start : (3,) ndarray
-        Position of the body at the first image [m].
-    gps : GpsFixes
-        Fixes; those outside the times of the path are ignored.
-
-    Returns
-    -------
-    factor : float
-        Metres per unit of the path.
-    sigma : float
-        Relative error of the factor.
+    `start` (3,): position of the body at the first image [m].
     """
     time_s = visual.odometry.time_s
     factor, sigma = scale_by_fixes(dead_reckoning(visual.odometry, start), time_s, gps)
@@ -105,18 +75,6 @@ def scale_visual_odometry(visual: VisualOdometry, factor: float) -> VisualOdomet
     the body:
 
     .. math:: s_k' = f s_k + a - R_k^T R_{k+1} a, \qquad x' = f x + a
-
-    Parameters
-    ----------
-    visual : VisualOdometry
-        Motion and landmarks.
-    factor : float
-        New over old length.
-
-    Returns
-    -------
-    VisualOdometry
-        Health and times are unchanged.
     """
     o = visual.odometry
     step, sightings = factor * o.step, scale_sightings(visual.sightings, np.full(len(o.time_s), factor))
@@ -131,13 +89,7 @@ def scale_visual_odometry(visual: VisualOdometry, factor: float) -> VisualOdomet
 
 
 def refuse_untracked(visual: VisualOdometry) -> None:
-    """Refuse images of which not one could be tracked: without wheels their motion is unknown.
-
-    Raises
-    ------
-    InputError
-        No image but the first has a pose of its own.
-    """
+    """Refuse images of which not one could be tracked: without wheels their motion is unknown."""
     if not any(frame.is_visual for frame in visual.health[1:]):
         raise InputError(
             f"none of {len(visual.health)} images could be followed from the one before, and there are no wheels; "
@@ -146,13 +98,7 @@ def refuse_untracked(visual: VisualOdometry) -> None:
 
 
 def refuse_short_fixes(gps: GpsFixes, time_s: FloatArray) -> None:
-    """Refuse fixes whose extent during the images cannot give a scale.
-
-    Raises
-    ------
-    InputError
-        They spread over less than 20 m.
-    """
+    """Refuse fixes whose extent during the images cannot give a scale."""
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
     spread = float(np.linalg.norm(np.ptp(gps.position[inside, :2], axis=0))) if inside.any() else 0.0
     if spread < _LEAST_SPREAD_M:
@@ -186,24 +132,8 @@ def refuse_other_wheel_scale(
 
     The path must have the shape of the fixes, under any heading; else nothing is said.
 
-    Parameters
-    ----------
-    path : (N, 3) ndarray
-        Positions by images and wheels [m].
-    time_s : (N,) ndarray
-        Their times [s].
-    gps : GpsFixes
-        Fixes.
-    config : LocalizationConfig
-        Errors assumed of the fixes.
+    `path` (N, 3): positions by images and wheels [m]. `time_s` (N,): their times [s].
 
-    Raises
-    ------
-    InputError
-        With the factor.
-
-    Examples
-    --------
     >>> time_s = np.arange(50.0)
     >>> path = np.column_stack([time_s, 0.1 * time_s, np.zeros(50)])
     >>> refuse_other_wheel_scale(path, time_s, GpsFixes(time_s, path), LocalizationConfig())
@@ -233,26 +163,7 @@ def tilt_note(path: FloatArray, time_s: FloatArray, gps: GpsFixes, config: Local
     A path that does not bend shows only by how much it rises; one that bends shows its tilt to every side, by its shape on the
     map alone.
 
-    Parameters
-    ----------
-    path : (N, 3) ndarray
-        Positions by images, in any unit and under any heading.
-    time_s : (N,) ndarray
-        Their times [s].
-    gps : GpsFixes
-        Fixes.
-    config : LocalizationConfig
-        Errors assumed of the fixes.
-
-    Returns
-    -------
-    str or None
-        One sentence.
-
-    Raises
-    ------
-    InputError
-        A tilt of 60 degrees and more, under which the horizontal scale of the path means nothing.
+    `path` (N, 3): positions by images, in any unit and under any heading. `time_s` (N,): their times [s].
     """
     pairs = _paired(path, time_s, gps)
     if pairs is None:

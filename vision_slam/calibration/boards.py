@@ -33,17 +33,8 @@ class Board(Protocol):
 class Chessboard:
     """Chessboard of ``columns`` × ``rows`` inner corners.
 
-    Parameters
-    ----------
-    columns, rows : int
-        Inner corners, one less than squares in each direction.
-    square_m : float
-        Side of a square [m]; the calibration does not depend on it.
-
-    Raises
-    ------
-    ConfigError
-        Fewer than 3 corners in a direction, or a square of no size.
+    `columns`, `rows`: inner corners, one less than squares in each direction. `square_m`: side of a square
+    [m]; the calibration does not depend on it.
     """
 
     columns: int
@@ -60,15 +51,7 @@ class Chessboard:
     def detect(self, grey: Image) -> BoardView | None:
         """Return the board's corners in a grey image; None where not all of them are found.
 
-        Parameters
-        ----------
-        grey : (H, W) ndarray of uint8
-            The image.
-
-        Returns
-        -------
-        BoardView or None
-            All corners, to a small part of a pixel.
+        `grey` (H, W): the image.
         """
         factor = min(_SEARCHED_PX / grey.shape[1], 1.0)
         small = (
@@ -93,19 +76,9 @@ class Chessboard:
 class CharucoBoard:
     """Chessboard with ArUco markers in its white squares; parts of it may be hidden.
 
-    Parameters
-    ----------
-    columns, rows : int
-        Squares in each direction.
-    square_m, marker_m : float
-        Sides of a square and of a marker [m]; the calibration depends on their ratio alone.
-    dictionary : str
-        OpenCV's dictionary of markers, without ``DICT_``: ``4X4_50``, ``5X5_100``, …
-
-    Raises
-    ------
-    ConfigError
-        Sizes that fit no board, or a dictionary that OpenCV does not have.
+    `columns`, `rows`: squares in each direction. `square_m`, `marker_m`: sides of a square and of a marker
+    [m]; the calibration depends on their ratio alone. `dictionary`: OpenCV's dictionary of markers, without
+    ``DICT_``: ``4X4_50``, ``5X5_100``, ….
     """
 
     columns: int
@@ -134,15 +107,7 @@ class CharucoBoard:
     def detect(self, grey: Image) -> BoardView | None:
         """Return the board's corners in a grey image; None where fewer than eight are found.
 
-        Parameters
-        ----------
-        grey : (H, W) ndarray of uint8
-            The image.
-
-        Returns
-        -------
-        BoardView or None
-            Corners that are seen between markers that are seen.
+        `grey` (H, W): the image.
         """
         board = self.board
         corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)

@@ -44,22 +44,10 @@ _MOST_REJECTED = 0.25
 class CameraCalibration:
     """Calibrated lens with the standard deviation of each parameter.
 
-    Parameters
-    ----------
-    camera : Camera
-        The lens; its mounting is level and forward until it is measured.
-    names : tuple of str
-        Parameters: fx, fy, cx, cy [pixels] and lens coefficients.
-    values, sigma : (P,) ndarray
-        Values and standard deviations.
-    fit : LensFit
-        Residuals and board poses of the accepted views.
-    views : tuple of BoardView
-        Corners of the accepted views.
-    accepted : tuple of Path
-        Images of the accepted views.
-    rejected : dict of str to str
-        Reason by the name of an image.
+    `camera`: the lens; its mounting is level and forward until it is measured. `names`: parameters: fx, fy,
+    cx, cy [pixels] and lens coefficients. `values`, `sigma` (P,): values and standard deviations. `fit`:
+    residuals and board poses of the accepted views. `views`: corners of the accepted views. `accepted`:
+    images of the accepted views. `rejected`: reason by the name of an image.
     """
 
     camera: Camera
@@ -94,18 +82,7 @@ class CameraCalibration:
         }
 
     def write(self, path: str | Path) -> None:
-        """Write ``camera.toml`` with a table ``[calibration]`` of the standard deviations.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-
-        Raises
-        ------
-        InputError
-            The file cannot be written.
-        """
+        """Write ``camera.toml`` with a table ``[calibration]`` of the standard deviations."""
         report = {
             "views": len(self.accepted),
             "rms_px": round(self.fit.rms_px, 4),
@@ -129,27 +106,6 @@ def calibrate(
 
     Views whose residuals are more than three times those of the median view are left out. What it cannot
     do: a board that is not flat, a lens whose focus changes between the images, the mounting on the rover.
-
-    Parameters
-    ----------
-    images : path or sequence of Path
-        Folder of images, or the files; all of one size.
-    board : Board
-        `vision_slam.calibration.boards.Chessboard` or `CharucoBoard`.
-    model : {"pinhole", "fisheye"}
-        Lens model; fisheye for angles of view above about 120°.
-    progress : callable, optional
-        Progress callback (stage, done, total).
-
-    Returns
-    -------
-    CameraCalibration
-        Camera, standard deviations, residuals, accepted and rejected images.
-
-    Raises
-    ------
-    InputError
-        No images, sizes that differ, or views that are too few, one-sided or untilted.
     """
     files = _files(images)
     size = checked_photos(files)[0].upright_size
@@ -218,19 +174,7 @@ _ARROW_SHARE = 0.04  # of the image's width, for a residual of twice the RMS
 
 @styled
 def calibration_figure(calibration: CameraCalibration) -> Figure:
-    """Draw the residuals of a calibration.
-
-    Parameters
-    ----------
-    calibration : CameraCalibration
-        Result of `vision_slam.calibration.calibrate.calibrate`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Residuals as arrows over the image, their scatter about zero, and their root mean square in each
-        image.
-    """
+    """Draw the residuals of a calibration."""
     figure = Figure(figsize=(FULL_IN, 0.62 * FULL_IN), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(2.0, 1.0))
     _draw_over_image(figure.add_subplot(grid[:, 0]), calibration)

@@ -53,24 +53,7 @@ class LensFit(NamedTuple):
 def fit_lens(views: Sequence[BoardView], size: tuple[int, int], model: Model) -> LensFit:
     """Fit a lens to views of a board.
 
-    Parameters
-    ----------
-    views : sequence of BoardView
-        At least three.
-    size : tuple of int
-        Width and height of the images [pixels].
-    model : {"pinhole", "fisheye"}
-        OpenCV's lens model.
-
-    Returns
-    -------
-    LensFit
-        The least-squares solution.
-
-    Raises
-    ------
-    InputError
-        The views determine no lens.
+    `size`: width and height of the images [pixels].
     """
     places = [np.column_stack([view.board, np.zeros(len(view.board))]) for view in views]
     try:
@@ -144,17 +127,7 @@ def parameter_covariance(fit: LensFit, views: Sequence[BoardView]) -> FloatArray
     where that is larger: blur, the board's own flatness and a lens that the model does not quite fit
     err alike in neighbouring corners.
 
-    Parameters
-    ----------
-    fit : LensFit
-        Result of `fit_lens`.
-    views : sequence of BoardView
-        The same views.
-
-    Returns
-    -------
-    (P, P) ndarray
-        Covariance, in squared units of the parameters.
+    Returns (P, P): covariance, in squared units of the parameters.
     """
     reduced = [_reduced(fit, view, pose) for view, pose in zip(views, fit.poses, strict=True)]
     blocks = [jacobian.T @ jacobian for jacobian in reduced]
@@ -205,8 +178,6 @@ _LARGEST_FOCAL_SHARE = 0.02
 def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
     """Return the share of the image area, in cells of a sixth of its sides, that corners have reached.
 
-    Examples
-    --------
     >>> corners = np.array([[10.0, 10.0], [590.0, 390.0]])
     >>> round(coverage([BoardView(corners, corners)], (600, 400)), 3)
     0.056
@@ -232,13 +203,7 @@ def tilts_deg(poses: FloatArray) -> FloatArray:
 
 
 def refuse_few(n_views: int, n_images: int, rejected: Sequence[str]) -> None:
-    """Refuse fewer than eight views of the board.
-
-    Raises
-    ------
-    InputError
-        Counts what was found, and names the first rejected images.
-    """
+    """Refuse fewer than eight views of the board."""
     if n_views < LEAST_VIEWS:
         named = f" ({'; '.join(rejected[:3])}{' …' if len(rejected) > 3 else ''})" if rejected else ""
         raise InputError(
@@ -248,13 +213,7 @@ def refuse_few(n_views: int, n_images: int, rejected: Sequence[str]) -> None:
 
 
 def refuse_one_sided(views: Sequence[BoardView], poses: FloatArray, size: tuple[int, int]) -> None:
-    """Refuse views that leave half of the image out, or that all face the board.
-
-    Raises
-    ------
-    InputError
-        Names what is missing.
-    """
+    """Refuse views that leave half of the image out, or that all face the board."""
     cells = _reached(views, size)
     if cells.mean() < LEAST_COVERAGE:
         raise InputError(
@@ -270,13 +229,7 @@ def refuse_one_sided(views: Sequence[BoardView], poses: FloatArray, size: tuple[
 
 
 def refuse_uncertain(parameters: FloatArray, sigma: FloatArray) -> None:
-    """Refuse a focal length with a standard deviation above 2 %.
-
-    Raises
-    ------
-    InputError
-        States the standard deviation.
-    """
+    """Refuse a focal length with a standard deviation above 2 %."""
     share = float((sigma[:2] / parameters[:2]).max())
     if not share <= _LARGEST_FOCAL_SHARE:
         raise InputError(

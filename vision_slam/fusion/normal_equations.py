@@ -146,8 +146,6 @@ class BlockTridiagonal:
 
     and the globals, eliminated last, add A⁻¹B (G − BᵀA⁻¹B)⁻¹ BᵀA⁻¹. The cost is linear in K.
 
-    Examples
-    --------
     >>> from scipy import sparse
     >>> matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, 1.0], [0.0, 1.0, 3.0]])
     >>> chain = BlockTridiagonal.of(sparse.coo_array(matrix), 1, 2)

@@ -214,27 +214,6 @@ def tie_drives(
 
     is a linear measurement of the errors of both paths. Ties that contradict all others are left out by the gate of
     the smoother.
-
-    Parameters
-    ----------
-    drives : SeveralDrives
-        Landmarks of all drives, with the errors of their paths.
-    paths : sequence of Trajectory
-        Path of each drive, as its landmarks were seen from.
-    ties : DriveTies
-        Places that drives share.
-    config : LocalizationConfig, optional
-        For its gate of ties.
-
-    Returns
-    -------
-    SeveralDrives
-        Landmarks moved by the estimated errors, and the posterior of these; both are those given where no tie is left.
-
-    Raises
-    ------
-    InputError
-        The errors of the paths are unknown, ties name a drive that is not there, or landmarks name no keyframe.
     """
     if drives.path is None:
         raise InputError(

@@ -352,20 +352,10 @@ def delay_moments(delay_s: float, delay_sigma_s: float, clock_sigma_s: float) ->
     and its standard deviation the root of the second moment. A delay beyond 2.5 σ is none: an odometry that
     contradicts the fixes passes for one, and the prior is left as it is.
 
-    Parameters
-    ----------
-    delay_s, delay_sigma_s : float
-        Mean and standard deviation of the delay under the second part of the prior alone [s].
-    clock_sigma_s : float
-        Its standard deviation σ [s].
+    `delay_s`, `delay_sigma_s`: mean and standard deviation of the delay under the second part of the prior
+    alone [s]. `clock_sigma_s`: its standard deviation σ [s]. Returns `mean_s, sigma_s`: mean and standard
+    deviation of the delay [s].
 
-    Returns
-    -------
-    mean_s, sigma_s : float
-        Mean and standard deviation of the delay [s].
-
-    Examples
-    --------
     Where the records say nothing, the variance is 0.65 of that of the second part:
 
     >>> mean_s, sigma_s = delay_moments(0.0, 0.4, 0.4)
@@ -405,11 +395,6 @@ def place_landmarks(
 
     The gates are those of the glacier paper; thinned by information, landmarks of any range
     pass, and those are selected that lower the variance of a map about the path the most.
-
-    Raises
-    ------
-    InputError
-        When no landmark passes the gates.
     """
     sightings = recording.sightings
     ellipsoid_m = np.sqrt(np.linalg.eigvalsh(sightings.covariance)[:, -1])

@@ -355,18 +355,9 @@ class BundleAdjustment:
     Points are eliminated by the Schur complement. The first pose is held, and without wheels the
     size of the path.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration that the lens is relative to.
-    seen : PixelObservations
-        Pixels of the points.
-    pixel_sigma : float
-        Error of a pixel [pixels].
-    prior_sigma : (3,) ndarray
-        Prior errors of log f, k1 and k2; 0 holds a parameter.
-    travel : Travel
-        Travel by wheels.
+    `camera`: calibration that the lens is relative to. `seen`: pixels of the points. `pixel_sigma`: error of
+    a pixel [pixels]. `prior_sigma` (3,): prior errors of log f, k1 and k2; 0 holds a parameter. `travel`:
+    travel by wheels.
     """
 
     def __init__(

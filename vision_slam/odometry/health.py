@@ -67,8 +67,6 @@ def image_health(grey: Image) -> FrameHealth:
     The entropy is H = −Σ p log₂ p over the 256 grey values: 0 for a blank image, about
     2.4 for a blank one with noise of 1.3 grey levels, above 4 where there is anything to see.
 
-    Examples
-    --------
     >>> image_health(np.full((40, 60), 200, np.uint8)).entropy_bits
     0.0
     """
@@ -90,13 +88,8 @@ class VisionHysteresis:
     that fewer than a quarter of the wanted corners contradict the wheels, until half of the wanted
     corners agree again.
 
-    Parameters
-    ----------
-    n_wanted : int
-        Corners that are looked for.
+    `n_wanted`: corners that are looked for.
 
-    Examples
-    --------
     >>> hysteresis = VisionHysteresis(200)
     >>> [hysteresis.update(n, slips) for n, slips in ((40, False), (90, True), (40, True), (90, False), (120, False))]
     [False, False, True, True, False]
@@ -135,16 +128,7 @@ def bridged_errors(
     Wheels and gyro bridge a gap. Without wheels its length is that of the speed before it, which may change; without
     wheels and gyro its turn is unknown.
 
-    Parameters
-    ----------
-    steps : (N - 1, 3) ndarray
-        Steps in any unit.
-    seconds : (N - 1,) ndarray
-        Their durations [s].
-    health : tuple of FrameHealth
-        Of the N images.
-    has_wheels, has_gyro : bool
-        What measured the motion beside the images.
+    `steps` (N - 1, 3): steps in any unit. `seconds` (N - 1,): their durations [s].
     """
     length = np.linalg.norm(steps, axis=1)
     is_blind = np.array([not frame.is_visual for frame in health[1:]], dtype=bool)

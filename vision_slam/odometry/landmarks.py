@@ -180,13 +180,8 @@ class FarFeatures:
     solved for by least squares at once; e has a scale of its own for each corner, since some
     creep along an edge while they are followed, and Cauchy's weights.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
+    `camera`: calibration and mounting.
 
-    Notes
-    -----
     The drift is relative to the first image. The complete drive and lengths in metres are
     needed. Without mountains in sight for more than 12 m there is none. On
     development surveys it takes a fifth to a half off what the heading changes by over 100 m
@@ -194,8 +189,6 @@ class FarFeatures:
     heading drifts on. What it leaves is measured as the walk of the heading, and has no
     covariance of its own.
 
-    Examples
-    --------
     >>> camera = Camera("pinhole", 640, 480, [[400, 0, 320], [0, 400, 240], [0, 0, 1]], np.zeros(5), np.eye(4))
     >>> far_features = FarFeatures(camera)
     >>> far_features.add([])
@@ -221,14 +214,8 @@ class FarFeatures:
     def drift_rad(self, turn: FloatArray, place: FloatArray, of_frame: IntArray) -> FloatArray:
         """Return the heading drift of visual odometry since the first image [rad].
 
-        Parameters
-        ----------
-        turn : (K, 3, 3) ndarray
-            Upright turns of the body at the keyframes.
-        place : (K, 3) ndarray
-            Where they are, in the same frame [m].
-        of_frame : (N,) ndarray of int
-            The keyframe of each frame that is asked for.
+        `turn` (K, 3, 3): upright turns of the body at the keyframes. `place` (K, 3): where they are, in the
+        same frame [m]. `of_frame` (N,) int: the keyframe of each frame that is asked for.
         """
         bearings = self._bearings(turn, place)
         if bearings is None:

@@ -104,16 +104,8 @@ class VisualOdometry(DataObject):
 class VisualOdometer:
     """Incremental visual odometry: takes images one by one, with wheels and gyro in between.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
-    records : VisionRecords
-        Records at least up to the first motion of the wheels.
-    config : VisualOdometryConfig, optional
-        Settings of detection, tracking and the keyframe window.
-    start_s : float
-        Time of the first image [s].
+    `camera`: calibration and mounting. `records`: records at least up to the first motion of the wheels.
+    `config`: settings of detection, tracking and the keyframe window. `start_s`: time of the first image [s].
     """
 
     def __init__(
@@ -138,12 +130,7 @@ class VisualOdometer:
     def add_image(self, image: Image, time_s: float) -> None:
         """Process the next image; the records must reach its time [s].
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) ndarray of uint8
-            Grey, or blue, green, red.
-        time_s : float
-            Its time [s].
+        `image` (H, W) or (H, W, 3): grey, or blue, green, red. `time_s`: its time [s].
         """
         if self._lever_arm_m is not None and self._is_repeated(image):
             self._repeated.append(time_s)
@@ -173,18 +160,7 @@ class VisualOdometer:
         self._triangulate_ended(slam.window.newest - slam.config.n_free)
 
     def finish(self, records: VisionRecords) -> VisualOdometry:
-        """Return the odometry of all images, levelled by the inertial records of the drive.
-
-        Parameters
-        ----------
-        records : VisionRecords
-            Records of the complete drive.
-
-        Returns
-        -------
-        VisualOdometry
-            Odometry, sightings and frame health.
-        """
+        """Return the odometry of all images, levelled by the inertial records of the drive."""
         slam = self.slam
         if self._newest is not None and self._repeated:  # nothing shows any more that the camera moves
             self._follow(self._newest, self._repeated[-1])

@@ -46,15 +46,8 @@ class OnboardOdometry:
     holds the window of keyframes, the finished tracks and the inertial records (20 MB per hour),
     which level the path at the end. The result has the same bytes as `visual_odometry`.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
-    config : VisualOdometryConfig, optional
-        Settings of visual odometry.
+    `camera`: calibration and mounting. `config`: settings of visual odometry.
 
-    Notes
-    -----
     Without wheels or without a gyro the delay is forty images.
     """
 
@@ -67,13 +60,7 @@ class OnboardOdometry:
         self._at_s, self._n_told = 0.0, 0
 
     def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
-        """Add the readings since the last call.
-
-        Parameters
-        ----------
-        wheels, inertial, compass : optional
-            Readings of each sensor; None where there are none.
-        """
+        """Add the readings since the last call."""
         self._wheels += [] if wheels is None else [wheels]
         self._inertial += [] if inertial is None else [inertial]
         self._compass += [] if compass is None else [compass]
@@ -81,12 +68,7 @@ class OnboardOdometry:
     def look(self, image: Image, time_s: float) -> None:
         """Add the next image.
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) ndarray of uint8
-            Grey, or blue, green, red.
-        time_s : float
-            Its time [s].
+        `image` (H, W) or (H, W, 3): grey, or blue, green, red. `time_s`: its time [s].
         """
         self._waiting.append((time_s, image))
 
@@ -94,11 +76,6 @@ class OnboardOdometry:
         """Return the frames that could be placed since the last call, with the body's pose (4, 4) at each.
 
         Poses are relative to the first image, levelled there.
-
-        Returns
-        -------
-        list of (FramePose, (4, 4) ndarray)
-            Frames in the order of time.
         """
         while self._waiting and self._is_ready():
             self._look_at_next()
@@ -110,13 +87,7 @@ class OnboardOdometry:
         return [(frame, slam.pose(frame)) for frame in fresh]
 
     def finished(self) -> VisualOdometry | None:
-        """Process the waiting images and return the visual odometry; None for fewer than two images.
-
-        Returns
-        -------
-        VisualOdometry or None
-            Odometry, sightings and frame health.
-        """
+        """Process the waiting images and return the visual odometry; None for fewer than two images."""
         while self._waiting:
             self._look_at_next()
         if self._odometer is None or len(self._odometer.slam.frames) < 2:
@@ -173,13 +144,7 @@ def write_visual_odometry(found: VisualOdometry, folder: Path) -> None:
 
 
 def read_visual_odometry(folder: Path) -> VisualOdometry:
-    """Read the files of `write_visual_odometry`, to the last bit.
-
-    Raises
-    ------
-    InputError
-        A table is missing, or cut off.
-    """
+    """Read the files of `write_visual_odometry`, to the last bit."""
     table = read_table(folder / "health.csv", [*_HEALTH, "is_lost"], what="the health of the frames")
     counts = {name: table[name].astype(int).tolist() for name in ("n_followed", "n_inliers")}
     rows = {name: table[name].tolist() for name in _HEALTH} | counts

@@ -36,27 +36,10 @@ def resect(
     Geman-McClure weights w = (1 + e²/c²)⁻²; u are the measured unit rays and û those that
     the pose gives. Points at infinity move with the rotation only.
 
-    Parameters
-    ----------
-    predicted : (4, 4) ndarray
-        Camera to world.
-    points : (N, 3) ndarray
-        World places, or unit directions where `is_far`.
-    is_far : (N,) ndarray of bool
-        Which are directions.
-    rays : (N, 3) ndarray
-        Unit, camera frame.
-    angle_sigma : float
-        Error of a ray [rad].
-    turn_sigma, shift_sigma : float
-        Error of the prediction [rad], [m].
-
-    Returns
-    -------
-    pose : (4, 4) ndarray
-        Camera to world.
-    errors : (N,) ndarray
-        Angle between measured and expected ray [rad].
+    `predicted` (4, 4): camera to world. `points` (N, 3): world places, or unit directions where `is_far`.
+    `is_far` (N,) bool: which are directions. `rays` (N, 3): unit, camera frame. `angle_sigma`: error of a ray
+    [rad]. `turn_sigma`, `shift_sigma`: error of the prediction [rad], [m]. Returns `pose` (4, 4): camera to
+    world. `errors` (N,): angle between measured and expected ray [rad].
     """
     rotation, place = predicted[:3, :3].copy(), predicted[:3, 3].copy()
     base_turn, base_place = rotation.copy(), place.copy()
@@ -132,13 +115,8 @@ class PixelNoise:
     Of a lens that nothing states they would hold its distortion, so that they are not measured then.
     The assumed error is the least, since residuals leave out what neighbouring corners have in common.
 
-    Parameters
-    ----------
-    assumed_px : float
-        Error of images of good quality [pixels].
+    `assumed_px`: error of images of good quality [pixels].
 
-    Examples
-    --------
     >>> noise = PixelNoise(0.5)
     >>> for _ in range(200):
     ...     noise.update(np.full(9, 2.0))
@@ -229,12 +207,7 @@ class ViewRecognizer:
     by wheels and gyro, and by `vision_slam.places.relocalization` after the drive. The images of
     8 keyframes are stored; after a loss of vision 20 clear images are tried.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
-    config : VisualOdometryConfig
-        Errors of pixels and gyro.
+    `camera`: calibration and mounting. `config`: errors of pixels and gyro.
     """
 
     def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
@@ -267,14 +240,8 @@ class ViewRecognizer:
     def recognize(self, image: Image, predicted: FloatArray, poses: list[FloatArray]) -> Recognition | None:
         """Estimate the pose of the body at an enhanced image near the newest view; None if the match is weak.
 
-        Parameters
-        ----------
-        image : (H, W) ndarray of uint8
-            The image after the loss of vision.
-        predicted : (4, 4) ndarray
-            Pose of the body by wheels and gyro.
-        poses : list of (4, 4) ndarray
-            Of all keyframes.
+        `image` (H, W): the image after the loss of vision. `predicted` (4, 4): pose of the body by wheels and
+        gyro.
         """
         self._n_tries += 1
         if len(self._views) < 2 or self._n_tries > _MOST_TRIES:

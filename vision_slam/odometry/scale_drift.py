@@ -51,17 +51,9 @@ def scale_corrections(poses: FloatArray, rolled_m: FloatArray, ground: FloatArra
     of the wheels above 6 % is attributed to the mounting of the camera. Without wheels, or with
     less than 10 m of ground, the factors are 1.
 
-    Parameters
-    ----------
-    poses : (K, 4, 4) ndarray
-        Body poses of the keyframes.
-    rolled_m : (K - 1,) ndarray
-        Travel by wheels from each to the next [m], NaN where they did not measure.
-    ground : (K,) ndarray
-        `camera_height_ratio`, NaN where unknown.
+    `poses` (K, 4, 4): body poses of the keyframes. `rolled_m` (K - 1,): travel by wheels from each to the
+    next [m], NaN where they did not measure. `ground` (K,): `camera_height_ratio`, NaN where unknown.
 
-    Examples
-    --------
     >>> poses = np.tile(np.eye(4), (101, 1, 1))
     >>> poses[:, 0, 3] = 0.2 * np.arange(101)
     >>> print(scale_corrections(poses, np.full(100, 0.206), np.full(101, 0.01)).round(3)[[0, 50, 100]])
@@ -105,16 +97,8 @@ def camera_height_ratio(
     above four fifths of the landmarks that are half as far around as the camera is high. NaN
     where those are fewer than four.
 
-    Parameters
-    ----------
-    poses : (K, 4, 4) ndarray
-        Body poses of the keyframes.
-    sightings : Sightings
-        Landmarks.
-    seen_from : (N,) ndarray
-        The keyframe that each of them is relative to.
-    height_m : float
-        The height h at which the camera is mounted [m].
+    `poses` (K, 4, 4): body poses of the keyframes. `seen_from` (N,): the keyframe that each of them is
+    relative to. `height_m`: the height h at which the camera is mounted [m].
     """
     world = poses[seen_from, :3, 3] + np.einsum("nij,nj->ni", poses[seen_from, :3, :3], sightings.offset)
     ratios, reach_m = np.full(len(poses), np.nan), _BENEATH * height_m
@@ -199,27 +183,9 @@ def bridge_scale_jumps(
 ) -> tuple[FloatArray, Sightings, tuple[FrameHealth, ...]]:
     """Give steps on which the scale has jumped the travel by wheels, and leave out the landmarks seen there.
 
-    Parameters
-    ----------
-    steps : (N - 1, 3) ndarray
-        Steps between poses [m].
-    rolled_m : (N - 1,) ndarray
-        Travel by wheels [m], NaN where they did not measure.
-    sightings : Sightings
-        Landmarks relative to the poses.
-    health : tuple of FrameHealth
-        Health of the N images.
-    height_m : float
-        Height of the camera above the ground [m].
-
-    Returns
-    -------
-    steps : (N - 1, 3) ndarray
-        Steps with the corrected lengths.
-    sightings : Sightings
-        Landmarks that no jump has touched.
-    health : tuple of FrameHealth
-        Images whose step was corrected count as not visual: their steps rest on the wheels.
+    `steps` (N - 1, 3): steps between poses [m]. `rolled_m` (N - 1,): travel by wheels [m], NaN where they did
+    not measure. `height_m`: height of the camera above the ground [m]. Returns `steps` (N - 1, 3): steps with
+    the corrected lengths.
     """
     length = np.linalg.norm(steps, axis=1)
     factor = scale_jumps(length, rolled_m, sightings, height_m)
@@ -247,19 +213,9 @@ def scale_jumps(
     large puts it (k - 1) heights of the camera below the body. Where fewer than four landmarks show the ground, a slide of
     more than 28 % is taken for a jump. Maps that are too small are not found: wheels that slip look the same.
 
-    Parameters
-    ----------
-    step_m : (N - 1,) ndarray
-        Travel by images between poses [m].
-    rolled_m : (N - 1,) ndarray
-        Travel by wheels [m], NaN where they did not measure.
-    sightings : Sightings
-        Landmarks relative to the poses.
-    height_m : float
-        Height of the camera above the ground [m].
+    `step_m` (N - 1,): travel by images between poses [m]. `rolled_m` (N - 1,): travel by wheels [m], NaN
+    where they did not measure. `height_m`: height of the camera above the ground [m].
 
-    Examples
-    --------
     >>> step = np.full(100, 0.25)
     >>> step[45:55] *= 2.0
     >>> none = Sightings(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
@@ -354,22 +310,9 @@ def smoothed_steps(step: FloatArray, seconds: FloatArray, is_moving: BoolArray) 
     not. Directions stay. Runs of fewer than ten steps stay as they are, as do those whose errors exceed 3 % of
     the speed.
 
-    Parameters
-    ----------
-    step : (N, 3) ndarray
-        Steps in any unit.
-    seconds : (N,) ndarray
-        Their durations [s].
-    is_moving : (N,) ndarray of bool
-        Whether images measured a motion.
+    `step` (N, 3): steps in any unit. `seconds` (N,): their durations [s]. `is_moving` (N,) bool: whether
+    images measured a motion. Returns (N, 3): steps with smoothed lengths.
 
-    Returns
-    -------
-    (N, 3) ndarray
-        Steps with smoothed lengths.
-
-    Examples
-    --------
     >>> step = np.zeros((40, 3))
     >>> step[:, 0] = 1.0 + 0.01 * np.random.default_rng(3).standard_normal(40)
     >>> even = smoothed_steps(step, np.full(40, 0.1), np.ones(40, dtype=bool))

@@ -94,25 +94,8 @@ def estimate_lens(
     those of the prior, and where it differs significantly from the given one. The focal length has a prior error of 1 %, or
     of 20 % where the images demand a change of more than 5 %.
 
-    Parameters
-    ----------
-    camera : Camera
-        Given calibration.
-    poses : (K, 4, 4) ndarray
-        Poses of the body at the keyframes.
-    tracks : list of Track
-        Observations by the keyframes.
-    rolled_m : (K - 1,) ndarray
-        Travel by wheels between keyframes [m], NaN where unknown.
-    config : VisualOdometryConfig
-        Errors of pixels and wheels.
-    used : LensChange, optional
-        Change of the calibration that poses and tracks were estimated with.
-
-    Returns
-    -------
-    LensEstimate
-        Accepted or not. Up to 240 keyframes with the largest turn are used.
+    `poses` (K, 4, 4): poses of the body at the keyframes. `rolled_m` (K - 1,): travel by wheels between
+    keyframes [m], NaN where unknown.
     """
     part = _most_turning(poses)
     turned_deg = float(_turned_deg(poses[part]).max())

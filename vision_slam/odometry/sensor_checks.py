@@ -47,22 +47,6 @@ def largest_turns(
 
     Corners are tracked without any prediction; their epipolar geometry gives the turn. Pairs of the same image, and those
     of which too few corners agree, are left out.
-
-    Parameters
-    ----------
-    frames : Frames
-        Images.
-    camera : Camera
-        Calibration and mounting.
-    inertial : Inertial
-        Readings of the gyro in the axes of the body.
-    config : VisualOdometryConfig
-        Settings of contrast, detection and tracking.
-
-    Returns
-    -------
-    ImageTurns
-        Of at most 36 pairs; none where the readings cover no images.
     """
     mount = Rotation.from_matrix(camera.T_body_camera[:3, :3])
     rows = []
@@ -176,18 +160,6 @@ def refuse_other_gyro(turns: ImageTurns) -> None:
     refused where the best of these leaves half of the turns unexplained, and the same with another axis, sign or unit
     explains 80 %. Without eight turns of half a degree about an axis nothing is said about it.
 
-    Parameters
-    ----------
-    turns : ImageTurns
-        Turns by images and by gyro.
-
-    Raises
-    ------
-    InputError
-        With what explains the turns.
-
-    Examples
-    --------
     >>> turn = np.radians(np.outer(np.linspace(-4.0, 4.0, 12), [0.0, 0.0, 1.0]))
     >>> refuse_other_gyro(ImageTurns(np.full(12, 0.25), turn, turn))
     >>> refuse_other_gyro(ImageTurns(np.full(12, 0.25), turn, -turn))
@@ -257,22 +229,6 @@ def refuse_other_travel(frames: Frames, camera: Camera, wheels: Wheels, config: 
 
     The direction of travel is that of the epipolar geometry of pairs of images between which the wheels roll straight. Fewer
     than eight such pairs, or pairs that do not agree with each other, say nothing.
-
-    Parameters
-    ----------
-    frames : Frames
-        Images.
-    camera : Camera
-        Calibration and mounting.
-    wheels : Wheels
-        Distances rolled.
-    config : VisualOdometryConfig
-        Settings of contrast, detection and tracking.
-
-    Raises
-    ------
-    InputError
-        The images travel in a direction more than 30 degrees from ahead.
     """
     found = _directions(frames, camera, wheels, config)
     if len(found) < _LEAST_STRAIGHT_PAIRS:
@@ -339,20 +295,9 @@ def mounting_note(offset: FloatArray, T_body_camera: FloatArray) -> str | None:
     with n towards the plane. Of a camera that is mounted upside down n points up. Among walls no plane explains the distances,
     and nothing is said.
 
-    Parameters
-    ----------
-    offset : (N, 3) ndarray
-        Landmarks relative to the camera, in axes of the body and in any unit.
-    T_body_camera : (4, 4) ndarray
-        Mounting.
+    `offset` (N, 3): landmarks relative to the camera, in axes of the body and in any unit. `T_body_camera`
+    (4, 4): mounting.
 
-    Returns
-    -------
-    str or None
-        One sentence.
-
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> ground = np.column_stack([rng.uniform(2.0, 5.0, 300), rng.uniform(-2.0, 2.0, 300), np.full(300, -1.0)])
     >>> level = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 1], [0, 0, 0, 1]])

@@ -31,8 +31,6 @@ class ContrastEnhancer:
     `clip` times its share, so that noise in blank tiles is not raised without bound. Noise
     is raised all the same: what is found in an image must still be confirmed by motion.
 
-    Examples
-    --------
     >>> ramp = np.tile(np.arange(118, 138, dtype=np.uint8), (64, 4))
     >>> bool(np.ptp(ContrastEnhancer(4.0, 2)(ramp)) > 3 * np.ptp(ramp))
     True
@@ -56,8 +54,6 @@ class ExposureCompensation:
     factor; where its median is beyond 15 % the camera has changed its exposure, and from then
     on images are multiplied by what undoes that, up to 4. What was white stays white.
 
-    Examples
-    --------
     >>> ramp = np.tile(np.arange(80, 120, dtype=np.uint8), (64, 4))
     >>> exposure = ExposureCompensation()
     >>> exposure.compensated(ramp) is ramp
@@ -89,13 +85,7 @@ class ExposureCompensation:
 
 
 def grey_of(image: Image, width: int, height: int) -> Image:
-    """Return a (H, W) or (H, W, 3) blue-green-red image as grey.
-
-    Raises
-    ------
-    InputError
-        The image has another size than the calibration was made for.
-    """
+    """Return a (H, W) or (H, W, 3) blue-green-red image as grey."""
     if image.shape[:2] != (height, width):
         raise InputError(
             f"an image has {image.shape[1]} × {image.shape[0]} pixels, its calibration {width} × {height}; "

@@ -62,18 +62,9 @@ class GroundMosaics:
 
     through the landmarks within 3.5 m, by least squares that prefer a plane.
 
-    Parameters
-    ----------
-    frames : Frames
-        Images; a pose without one of its time has seen nothing.
-    camera : Camera
-        That took them.
-    path : (N, 3) ndarray
-        Reckoned places of the poses [m]; only what lies within some metres of travel counts.
-    odometry : Odometry
-        Their attitudes.
-    sightings : Sightings
-        Landmarks.
+    `frames`: images; a pose without one of its time has seen nothing. `camera`: that took them. `path` (N,
+    3): reckoned places of the poses [m]; only what lies within some metres of travel counts. `odometry`:
+    their attitudes. `sightings`: landmarks.
     """
 
     def __init__(
@@ -239,8 +230,6 @@ def match_overlay(first: GroundView, second: GroundView) -> Overlay | None:
     is taken. It is then fitted to them by least squares, the height by their median. How many
     agree is for the caller to judge: on ground that only seems the same up to a dozen do.
 
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> xyz, looks = rng.uniform(-2.0, 2.0, (40, 3)), rng.random((40, 128), np.float32)
     >>> looks /= np.linalg.norm(looks, axis=1, keepdims=True)

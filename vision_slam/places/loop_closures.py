@@ -124,24 +124,8 @@ def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatA
     that is known. Ground whose texture repeats itself within the path's own uncertainty
     deceives it: the smoother's gate has the last word.
 
-    Parameters
-    ----------
-    recording : Recording
-        With frames, camera, and the odometry and sightings that they gave.
-    path : (N, 3) array_like
-        Estimated position of each pose [m].
-    sigma_m : (N,) array_like
-        Horizontal standard deviation of each position [m].
-
-    Returns
-    -------
-    LoopClosures or None
-        None where no place was recognized.
-
-    Raises
-    ------
-    InputError
-        The recording lacks frames, odometry or sightings.
+    `path` (N, 3): estimated position of each pose [m]. `sigma_m` (N,): horizontal standard deviation of each
+    position [m]. Returns: None where no place was recognized.
     """
     odometry, sightings = recording.odometry, recording.sightings
     if recording.frames is None or recording.camera is None or odometry is None or sightings is None:

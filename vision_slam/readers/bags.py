@@ -157,8 +157,6 @@ _BASES = ("base_footprint", "base_link")
 def is_bag(path: Path) -> bool:
     """Return whether a path is a ROS 1 bag, a folder of one split into files, or a ROS 2 bag's folder or file.
 
-    Examples
-    --------
     >>> is_bag(Path("drive.bag")), is_bag(Path("drive.csv"))
     (True, False)
     """
@@ -188,27 +186,6 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
     else the camera is assumed level and forward, and the inertial unit aligned with the body,
     and a note is added. Messages that repeat a time or come late are left out, with a note.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A ``.bag`` file, the folder of one that rosbag split (``…_0.bag``, ``…_1.bag``, …), the folder of a ROS 2 bag, or one
-        of its files, which is read alone where ``metadata.yaml`` is not beside it.
-    topics : sequence of str
-        Which topics to take, for those kinds of which the bag has several.
-    camera : Camera, optional
-        Calibration and mounting to use instead of those of the bag.
-
-    Returns
-    -------
-    ImageSequence
-        Images, fixes and what else the bag has.
-
-    Raises
-    ------
-    InputError
-        rosbags is not installed, the bag is damaged, has no images or no calibration, or
-        several topics of one kind of which none is named.
     """
     place = Path(path)
     has_folder = place.suffix in {".mcap", ".db3"} and (place.parent / "metadata.yaml").is_file()
@@ -427,19 +404,8 @@ _LEAST_STATED = 0.5
 def bag_fixes(rows: Sequence[tuple[float, ...]], n_without_fix: int, place: Path) -> GpsLog:
     """Return the fixes of a bag.
 
-    Parameters
-    ----------
-    rows : sequence of tuple
-        Time [s], longitude, latitude [deg], height [m] and standard deviation [m] of each fix, 0 where it states none.
-    n_without_fix : int
-        Messages without a fix, which are left out.
-    place : Path
-        The bag.
-
-    Raises
-    ------
-    InputError
-        No fix.
+    `rows`: time [s], longitude, latitude [deg], height [m] and standard deviation [m] of each fix, 0 where it
+    states none.
     """
     if not rows:
         raise InputError(
@@ -476,18 +442,8 @@ def in_order(time_s: Sequence[float]) -> BoolArray:
     Drivers publish the same reading twice, and networks deliver late messages. Times of a clock that was set back are
     left as they are: no message is in its place then.
 
-    Parameters
-    ----------
-    time_s : sequence of float
-        Time stamps in the order of the recording [s].
+    `time_s`: time stamps in the order of the recording [s]. Returns (N,) bool: which messages to use.
 
-    Returns
-    -------
-    (N,) ndarray of bool
-        Which messages to use.
-
-    Examples
-    --------
     >>> in_order([1.0, 2.0, 2.0, 3.0]).tolist()
     [True, True, False, True]
     >>> in_order([9.0, 1.0, 2.0]).tolist()

@@ -30,25 +30,6 @@ def read_calibration(path: str | Path) -> tuple[Camera, tuple[str, ...]]:
 
     ``camera.toml``; YAML of ROS (``camera_calibration``, or a ``camera_info`` message), of OpenCV's ``FileStorage``, of Kalibr
     (the first camera of a ``camchain``, or EuRoC's ``sensor.yaml``) and of ORB-SLAM.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file; ``.yaml`` and ``.yml`` are YAML, everything else is TOML.
-
-    Returns
-    -------
-    camera : Camera
-        The calibration.
-    notes : tuple of str
-        What a YAML file does not state, or what is not taken from it: the place of the camera on the body.
-
-    Raises
-    ------
-    InputError
-        Missing or damaged, none of these formats, or a lens model that is neither radial-tangential nor equidistant.
-    ConfigError
-        A key of ``camera.toml`` is missing, unknown or of the wrong kind.
     """
     file = Path(path)
     if file.suffix.lower() not in {".yaml", ".yml"}:

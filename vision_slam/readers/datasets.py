@@ -299,18 +299,7 @@ _KITTI_COLUMNS = 12
 
 
 def is_kitti(path: str | Path) -> bool:
-    """Return whether a text file has the twelve numbers a line of KITTI poses.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    bool
-        By its first line that is no comment; False for a file that is no text.
-    """
+    """Return whether a text file has the twelve numbers a line of KITTI poses."""
     try:
         content = existing_file(path, "the reference").read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -325,26 +314,8 @@ def read_poses(path: str | Path, frame_s: FloatArray, camera: Camera) -> tuple[F
     KITTI text has no times, one pose of the camera for each image. TUM text has times and poses
     of the body.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Twelve or eight numbers a line.
-    frame_s : (N,) ndarray
-        Times of the images [s].
-    camera : Camera
-        Its mounting turns poses of the camera into poses of the body.
-
-    Returns
-    -------
-    time_s : (R,) ndarray
-        Times [s].
-    poses : (R, 4, 4) ndarray
-        Body to the frame of the reference.
-
-    Raises
-    ------
-    InputError
-        Missing, damaged, or KITTI poses of another number than the images.
+    `frame_s` (N,): times of the images [s]. Returns `time_s` (R,): times [s]. `poses` (R, 4, 4): body to the
+    frame of the reference.
     """
     if not is_kitti(path):
         rows = read_tum(path)

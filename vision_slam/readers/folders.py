@@ -65,28 +65,6 @@ def read_sequence(
     ``inertial.csv`` as in a recording are read too.
 
     All images are checked for completeness and size before any is used.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The recording.
-    camera : Camera, optional
-        Calibration to use instead of that of the layout.
-    frame_rate_hz : float, optional
-        Images per second, for images without any times.
-
-    Returns
-    -------
-    ImageSequence
-        Images with calibration, and reference poses where the layout has them.
-
-    Raises
-    ------
-    InputError
-        The layout is none of these, calibration or times lack, or do not fit the images, or
-        an image is cut off.
-    ConfigError
-        A frame rate, and images that have times.
     """
     place = Path(folder)
     if not place.is_dir():
@@ -213,24 +191,7 @@ _VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".insv", ".360")
 def read_images(
     place: Path, inner: Path, files: list[Path], camera: Camera | None, frame_rate_hz: float | None
 ) -> ImageSequence:
-    """Read the images of a plain folder.
-
-    Parameters
-    ----------
-    place, inner : Path
-        The recording, and its folder of images.
-    files : list of Path
-        Images in their natural order.
-    camera : Camera, optional
-        Calibration to use instead of ``camera.toml`` and EXIF.
-    frame_rate_hz : float, optional
-        Images per second, for images without any times.
-
-    Raises
-    ------
-    InputError, ConfigError
-        As `vision_slam.readers.folders.read_sequence` does.
-    """
+    """Read the images of a plain folder."""
     times = _listed_times(place, inner, files)
     photos: list[Photo] = []
     if times is None:

@@ -48,25 +48,6 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
     it, of which the GGA sentences give time of day, position, quality and height above the geoid, GST
     sentences the standard deviation, and RMC and ZDA sentences the date. Where no GST sentence states it,
     fixed RTK solutions count as of 2 cm, float ones of 0.3 m. Other suffixes are recognized by their content.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    columns : sequence of str
-        Columns of a table by key, such as ``time=t,x=Easting``.
-
-    Returns
-    -------
-    GpsLog
-        Fixes in degrees or in metres.
-
-    Raises
-    ------
-    InputError
-        Missing, damaged, times that do not increase, or no fix at all.
-    ConfigError
-        Columns are named, and the file is no table.
     """
     file = existing_file(path, "the fixes")
     suffix = file.suffix.lower()
@@ -134,15 +115,7 @@ def _log_of(read: Callable[[Path], ReceiverFixes]) -> Callable[[Path], GpsLog]:
 def is_receiver_file(path: str | Path) -> bool:
     """Return whether a file holds fixes of a receiver rather than poses, by its suffix and columns.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    bool
-        False for ``.tum`` and for tables without the columns of fixes.
+    Returns: False for ``.tum`` and for tables without the columns of fixes.
     """
     file = existing_file(path, "the reference")
     if file.suffix.lower() == ".csv":
@@ -197,28 +170,10 @@ _DAY_FIRST = re.compile(r"^(\d{2})\.(\d{2})\.(\d{4})\b")
 def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     """Read a table with columns of time, place and height by their usual names.
 
-    Parameters
-    ----------
-    file : Path
-        Text table with a header; commas, semicolons, tabs or blanks between the cells.
-    columns : sequence of str
-        ``key=column`` pairs for names that are not usual; keys are those of `KEYS`.
-
-    Returns
-    -------
-    ReceiverFixes
-        In degrees or in metres. Times are numbers (seconds, or Unix milli-, micro- or
-        nanoseconds) or dates as ISO 8601 or ``31.12.2026 23:59:59``, of UTC unless they state an offset; a date
-        and a time of day may stand in two columns. A column of accuracy
-        counts as the radius of 68 %, one of a horizontal standard deviation as that of the
-        distance; a note says which columns were read.
-
-    Raises
-    ------
-    InputError
-        A column is missing, could be several, or holds something else.
-    ConfigError
-        The mapping is not understood.
+    Returns: in degrees or in metres. Times are numbers (seconds, or Unix milli-, micro- or nanoseconds) or
+    dates as ISO 8601 or ``31.12.2026 23:59:59``, of UTC unless they state an offset; a date and a time of day
+    may stand in two columns. A column of accuracy counts as the radius of 68 %, one of a horizontal standard
+    deviation as that of the distance; a note says which columns were read.
     """
     table = read_text_table(file, "the table of fixes")
     given = parsed_columns(columns, KEYS)
@@ -360,24 +315,8 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     minutes and seconds. Standard deviations
     are at least 1 cm for fixed, 5 cm for float and 1 m for single solutions.
 
-    Parameters
-    ----------
-    file : Path
-        Output of RTKLIB.
-
-    Returns
-    -------
-    time_s : (N,) ndarray
-        Unix times [s].
-    place : (N, 3) ndarray
-        Longitude, latitude [deg] and ellipsoidal height [m].
-    sigma_m : (N,) ndarray
-        Horizontal standard deviation of each position [m].
-
-    Raises
-    ------
-    InputError
-        A line is no position, or the file holds none.
+    Returns `time_s` (N,): unix times [s]. `place` (N, 3): longitude, latitude [deg] and ellipsoidal height
+    [m]. `sigma_m` (N,): horizontal standard deviation of each position [m].
     """
     rows, is_utc, has_minutes = [], False, False
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -63,11 +63,6 @@ def images_of(files: Sequence[Path]) -> AnyImages:
 
     The bit depth is taken from the brightest pixel of nine images spread over the
     sequence: cameras of 10, 12 or 14 bits write them into the lower ones of 16.
-
-    Raises
-    ------
-    InputError
-        An image is missing, cut off, or of another depth than 8 or 16 bits.
     """
     for file in files:
         refuse_cut_off(file)
@@ -92,8 +87,6 @@ def _of_depth(file: Path, is_deep: bool) -> npt.NDArray[Any]:
 def is_jpeg(file: Path) -> bool:
     """Return whether a file is a JPEG image by its suffix.
 
-    Examples
-    --------
     >>> is_jpeg(Path("DSC_0001.JPG")), is_jpeg(Path("1.png"))
     (True, False)
     """
@@ -103,8 +96,6 @@ def is_jpeg(file: Path) -> bool:
 def upright(pixels: Image, orientation: int) -> Image:
     """Return an image turned and mirrored as an EXIF orientation (1 to 8) asks.
 
-    Examples
-    --------
     >>> upright(np.array([[1, 2]], np.uint8), 6).tolist(), upright(np.array([[1, 2]], np.uint8), 3).tolist()
     ([[1], [2]], [[2, 1]])
     """
@@ -125,8 +116,6 @@ def scaling_note(shift: int) -> str:
 def bits_used(pixels: npt.NDArray[Any]) -> int:
     """Return the least common camera depth that holds the brightest pixel.
 
-    Examples
-    --------
     >>> bits_used(np.array([[0, 4000]], np.uint16))
     12
     """
@@ -136,8 +125,6 @@ def bits_used(pixels: npt.NDArray[Any]) -> int:
 def eight_bits(pixels: npt.NDArray[Any], shift: int, where: str) -> Image:
     """Return (H, W) or (H, W, 3) pixels as 8 bits; what is brighter than the depth holds becomes white.
 
-    Examples
-    --------
     >>> eight_bits(np.array([[0, 2048, 5000]], np.uint16), 4, "it").tolist()
     [[0, 128, 255]]
     """
@@ -149,13 +136,7 @@ def eight_bits(pixels: npt.NDArray[Any], shift: int, where: str) -> Image:
 
 
 def read_pixels(path: Path) -> npt.NDArray[Any]:
-    """Read an image file as it is.
-
-    Raises
-    ------
-    InputError
-        Missing, cut off, or no image.
-    """
+    """Read an image file as it is."""
     refuse_cut_off(path)
     return decoded(path.read_bytes(), str(path))
 
@@ -184,8 +165,6 @@ def has_jpeg_end(content: bytes) -> bool:
 
     Segments before the scan, such as EXIF, may hold a small image that has an end of its own.
 
-    Examples
-    --------
     >>> has_jpeg_end(bytes.fromhex("ffd8 ffda0002 1234 ffd9 534546"))
     True
     >>> has_jpeg_end(bytes.fromhex("ffd8 ffe10004ffd9 ffda0002 1234"))
@@ -225,13 +204,7 @@ def _size_of(file: Path) -> tuple[int, int]:
 
 
 def read_text(path: str | Path, what: str) -> str:
-    """Return the text of a file without its byte order mark.
-
-    Raises
-    ------
-    InputError
-        Missing, empty, or no UTF-8.
-    """
+    """Return the text of a file without its byte order mark."""
     file = existing_file(path, what)
     try:
         return file.read_text(encoding="utf-8-sig")
@@ -282,8 +255,6 @@ def assemble_sequence(
 def seconds_of(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     """Return times of images in seconds, and a note where their size or interval shows another unit.
 
-    Examples
-    --------
     >>> seconds_of(np.array([5e12, 5.1e12]))[1]
     ('the times of the images were taken as nanoseconds',)
     >>> seconds_of(np.array([0.0, 0.1]))[1]

@@ -36,8 +36,6 @@ _LEAST_STEP_MS = 5.0
 def natural_key(file: Path) -> tuple[tuple[int, int, str], ...]:
     """Return the key of a file's natural order: numbers in its name count as numbers.
 
-    Examples
-    --------
     >>> [file.name for file in sorted(map(Path, ["f10.png", "f9.png", "F1.png"]), key=natural_key)]
     ['F1.png', 'f9.png', 'f10.png']
     """
@@ -51,8 +49,6 @@ def times_in_names(files: Sequence[Path]) -> FloatArray | None:
 
     Frames of a video that have its date and a number of their own state no times.
 
-    Examples
-    --------
     >>> times_in_names([Path("IMG_20240612_101502.jpg"), Path("PXL_20240612_101502500.jpg")]).tolist()
     [1718187302.0, 1718187302.5]
     >>> times_in_names([Path("DSC_0001.JPG")]) is None
@@ -69,8 +65,6 @@ def times_in_names(files: Sequence[Path]) -> FloatArray | None:
 def frame_numbers(files: Sequence[Path]) -> FloatArray | None:
     """Return the numbers (N,) that names differ in alone, where they count frames; None where they do not.
 
-    Examples
-    --------
     >>> frame_numbers([Path("f8.png"), Path("f9.png"), Path("f11.png")]).tolist()
     [8.0, 9.0, 11.0]
     >>> frame_numbers([Path("1403636579763555584.png")]) is None
@@ -148,13 +142,7 @@ class Photo(NamedTuple):
 
 
 def read_photo(file: Path) -> Photo:
-    """Read the header of an image file.
-
-    Raises
-    ------
-    InputError
-        The file is no image, or its EXIF is damaged.
-    """
+    """Read the header of an image file."""
     from PIL import Image
 
     try:
@@ -282,13 +270,7 @@ class PhotoTimes(NamedTuple):
 
 
 def photo_times(photos: Sequence[Photo]) -> PhotoTimes | None:
-    """Return the times of photographs by their EXIF, else by their names; None where neither has them.
-
-    Raises
-    ------
-    InputError
-        Some photographs have an EXIF time and others have not.
-    """
+    """Return the times of photographs by their EXIF, else by their names; None where neither has them."""
     dated = [photo.time_s is not None for photo in photos]
     if any(dated) and not all(dated):
         missing = photos[dated.index(False)].file
@@ -405,13 +387,7 @@ def photo_fixes(photos: Sequence[Photo], times: PhotoTimes) -> ReceiverFixes | N
 
 
 def checked_photos(files: Sequence[Path]) -> list[Photo]:
-    """Read the headers of images; refuse sizes or orientations that differ.
-
-    Raises
-    ------
-    InputError
-        Names the first image that differs from the first one.
-    """
+    """Read the headers of images; refuse sizes or orientations that differ."""
     photos = [read_photo(file) for file in files]
     first = photos[0]
     for photo in photos:

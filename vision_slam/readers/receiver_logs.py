@@ -35,11 +35,6 @@ def read_nmea(file: Path) -> ReceiverFixes:
     Damaged sentences are left out and counted, and so are fixes without a height and places that no satellites gave: dead
     reckoning, places entered by hand and simulated ones. Of fixes of one time by several systems of satellites, that of
     all systems (GN) is taken, else the first.
-
-    Raises
-    ------
-    InputError
-        No fix, more than a tenth of the sentences damaged, or a sentence that holds no numbers where they belong.
     """
     found = _Sentences()
     damaged: list[str] = []
@@ -232,8 +227,6 @@ _STATUS_VALID, _DATE_DIGITS = "A", 6
 def clock_s(text: str) -> float:
     """Return seconds since midnight of hhmmss.ss.
 
-    Examples
-    --------
     >>> clock_s("010002.50")
     3602.5
     """
@@ -243,8 +236,6 @@ def clock_s(text: str) -> float:
 def midnight_s(words: list[str]) -> float | None:
     """Return the Unix time of the midnight before an RMC or ZDA sentence; None where it states no date.
 
-    Examples
-    --------
     >>> midnight_s("GPZDA,101502.00,02,01,1970,00,00".split(","))
     86400.0
     """
@@ -263,15 +254,8 @@ def sentence_times(clocks: Sequence[float], midnights: Sequence[float | None]) -
     Without any date they count from the first midnight. A date holds for the sentences that follow it, and for those
     before it back to the longest pause since the date before, as a receiver that was switched off makes one.
 
-    Parameters
-    ----------
-    clocks : sequence of float
-        Seconds since midnight of each sentence; less by half a day than the one before is a new day.
-    midnights : sequence of float or None
-        Unix time of the midnight before each sentence [s]; None for one without a date.
+    `midnights`: unix time of the midnight before each sentence [s]; None for one without a date.
 
-    Examples
-    --------
     >>> sentence_times([86399.0, 1.0], [None, None])[0].tolist()
     [86399.0, 86401.0]
     >>> sentence_times([10.0, 10.0, 20.0, 20.0], [0.0, None, None, 172800.0])[0].tolist()
@@ -307,21 +291,6 @@ def read_ublox(file: Path) -> ReceiverFixes:
     log that begins or ends in the middle of one has, are left out and counted, and so are positions that the
     receiver itself does not call valid (``gnssFixOK``). A log without NAV-PVT gives the fixes of its NMEA sentences,
     with a note.
-
-    Parameters
-    ----------
-    file : Path
-        The ``.ubx`` file.
-
-    Returns
-    -------
-    ReceiverFixes
-        Positions with date, time and standard deviation.
-
-    Raises
-    ------
-    InputError
-        No NAV-PVT message with a position and no GGA sentence.
     """
     from pyubx2 import ERR_LOG, UBX_PROTOCOL, UBXReader
 
@@ -385,21 +354,6 @@ def read_gnss_logger(file: Path) -> ReceiverFixes:
 
     Android's accuracy is the radius of 68 %; it becomes a standard deviation in each axis. Fixes without an
     altitude, which phones log before satellites are found, are left out and counted.
-
-    Parameters
-    ----------
-    file : Path
-        Text log.
-
-    Returns
-    -------
-    ReceiverFixes
-        In the order of their times; of those with the same time the first.
-
-    Raises
-    ------
-    InputError
-        A line is damaged, or no provider has two fixes.
     """
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     header = next(

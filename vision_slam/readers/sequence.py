@@ -46,8 +46,6 @@ class ReceiverFixes(NamedTuple):
 def axis_sigma_m(radius_m: FloatArray) -> FloatArray:
     """Return the standard deviation in each axis of a radius that holds 68 % of the positions.
 
-    Examples
-    --------
     >>> axis_sigma_m(np.array([3.02])).round(2).tolist()
     [2.0]
     """
@@ -60,22 +58,8 @@ def usable(
 ) -> tuple[BoolArray, tuple[str, ...]]:
     """Return which fixes (N,) of a file can be used, and notes of those that are left out.
 
-    Parameters
-    ----------
-    time_s, place : ndarray
-        Times (N,) [s] and places (N, 3).
-    sigma_m : (N,) ndarray, optional
-        Standard deviations [m].
-    where : str
-        The file, for messages.
+    `time_s`, `place`: times (N,) [s] and places (N, 3). `sigma_m` (N,): standard deviations [m].
 
-    Raises
-    ------
-    InputError
-        A time is no finite number, or the times do not increase but for fixes that repeat the one before.
-
-    Examples
-    --------
     >>> usable(np.array([0.0, 1.0]), np.array([[8.0, 46.0, np.nan], [8.0, 46.0, 5.0]]), None, "a.csv")[0].tolist()
     [False, True]
     """
@@ -119,23 +103,12 @@ _NEAR_RAD = 0.015  # 100 km over the radius of the Earth
 class GpsLog:
     """Fixes of a receiver as its file has them.
 
-    Parameters
-    ----------
-    time_s : (N,) ndarray
-        Times of the fixes [s]: Unix time when `is_dated`, else as the file counts.
-    place : (N, 3) ndarray
-        Longitude, latitude [deg] and height [m] where `is_geodetic`, else easting, northing
-        and height [m] in a CRS that the file does not name.
-    is_geodetic, is_dated : bool
-        See above.
-    n_without_fix : int
-        Records that the receiver itself marked as no fix; they are left out.
-    vertical_datum : str
-        What heights count from; ``""`` when the file does not state it.
-    sigma_m : (N,) ndarray, optional
-        Horizontal standard deviation of each fix [m], where the file states it or its quality.
-    notes : tuple of str
-        What the reader chose or left out, one sentence each.
+    `time_s` (N,): times of the fixes [s]: Unix time when `is_dated`, else as the file counts. `place` (N, 3):
+    longitude, latitude [deg] and height [m] where `is_geodetic`, else easting, northing and height [m] in a
+    CRS that the file does not name. `is_geodetic`, `is_dated`: see above. `n_without_fix`: records that the
+    receiver itself marked as no fix; they are left out. `vertical_datum`: what heights count from; ``""``
+    when the file does not state it. `sigma_m` (N,): horizontal standard deviation of each fix [m], where the
+    file states it or its quality. `notes`: what the reader chose or left out, one sentence each.
     """
 
     time_s: FloatArray
@@ -158,27 +131,8 @@ class GpsLog:
     def fixes(self, crs: CRS | str | None = None) -> tuple[GpsFixes, CRS]:
         """Return the fixes in a projected CRS, and which one that is: the UTM zone of the first fix unless named.
 
-        Parameters
-        ----------
-        crs : str or pyproj.CRS, optional
-            Projected CRS; needed for files in metres.
+        Returns `fixes`: positions in the CRS [m].
 
-        Returns
-        -------
-        fixes : GpsFixes
-            Positions in the CRS [m].
-        crs : pyproj.CRS
-            The working CRS.
-
-        Raises
-        ------
-        ConfigError
-            The file has metres, and no CRS is named.
-        InputError
-            Fewer than two fixes, times that do not increase, or places beyond the CRS.
-
-        Examples
-        --------
         >>> log = GpsLog(np.array([0.0, 1.0]), np.array([[-135.0, 58.4, 5.0], [-135.0, 58.5, 5.0]]))
         >>> log.fixes()[1].to_epsg()
         32608
@@ -194,23 +148,8 @@ class GpsLog:
     def without_zero_places(self, where: str) -> "GpsLog":
         """Leave out fixes at longitude and latitude 0, which receivers write before they have a fix; note how many.
 
-        Parameters
-        ----------
-        where : str
-            What the fixes were read from, for messages.
+        Returns: the same log where no fix is at exactly 0, 0; places in metres stay as they are.
 
-        Returns
-        -------
-        GpsLog
-            The same log where no fix is at exactly 0, 0; places in metres stay as they are.
-
-        Raises
-        ------
-        InputError
-            All fixes are there.
-
-        Examples
-        --------
         >>> log = GpsLog(np.arange(3.0), np.array([[0.0, 0.0, 0.0], [8.1, 46.5, 5.0], [8.2, 46.5, 5.0]]))
         >>> len(log.without_zero_places("log.csv").time_s)
         2
@@ -274,21 +213,10 @@ class VisionRecords(Protocol):
 class ImageSequence:
     """Images with their calibration and the other records of the drive.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
-    frames : Frames
-        Images with times.
-    wheels, inertial, compass : optional
-        Other sensors.
-    reference_time_s, reference : (R,) and (R, 4, 4) ndarray, optional
-        Reference poses, body to the frame of the reference. Localization does not use them,
-        except in `scale_by_reference`.
-    gps : GpsLog, optional
-        Fixes of the same recording.
-    notes : tuple of str
-        What the reader did or assumed, one sentence each.
+    `camera`: calibration and mounting. `frames`: images with times. `wheels`, `inertial`, `compass`: other
+    sensors. `reference_time_s`, `reference` (R,) and (R, 4, 4): reference poses, body to the frame of the
+    reference. Localization does not use them, except in `scale_by_reference`. `gps`: fixes of the same
+    recording. `notes`: what the reader did or assumed, one sentence each.
     """
 
     camera: Camera
@@ -317,22 +245,7 @@ def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSeque
 
     After `distance_m` the reference is not used.
 
-    Parameters
-    ----------
-    sequence : ImageSequence
-        With reference poses.
-    distance_m : float
-        Travel over which the reference is used [m].
-
-    Returns
-    -------
-    ImageSequence
-        With wheels over the first metres.
-
-    Raises
-    ------
-    InputError
-        The sequence has no reference, or it ends within that distance.
+    `distance_m`: travel over which the reference is used [m].
     """
     if sequence.reference is None or sequence.reference_time_s is None:
         raise InputError("the sequence has no reference poses to take the first metres from; add wheels.csv.")
@@ -354,26 +267,7 @@ def georeference(
 
     The start is the first fix, and counts as not surveyed.
 
-    Parameters
-    ----------
-    sequence : ImageSequence
-        Images and what came with them.
-    log : GpsLog
-        The fixes.
-    crs : str or pyproj.CRS, optional
-        Projected CRS to work in; the UTM zone of the first fix unless given.
-    shift_s : float
-        Added to the times of the fixes [s].
-
-    Returns
-    -------
-    Recording
-        With fixes, images and the other sensors.
-
-    Raises
-    ------
-    InputError
-        Fewer than two fixes fall into the time of the images.
+    `shift_s`: added to the times of the fixes [s].
     """
     fixes, working = log.fixes(crs)
     fixes = replace(fixes, time_s=fixes.time_s + shift_s)

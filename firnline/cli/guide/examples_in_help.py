@@ -9,18 +9,7 @@ _UNBROKEN = "\b"
 
 
 def help_of(command: Callable[..., Any]) -> str:
-    """Return the docstring of a command as its help, with examples that are not broken at the terminal's width.
-
-    Parameters
-    ----------
-    command : callable
-        With a docstring whose examples are paragraphs that begin with ``firnline``.
-
-    Returns
-    -------
-    str
-        The help.
-    """
+    """Return the docstring of a command as its help, with examples that are not broken at the terminal's width."""
     paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
     return "\n\n".join(_UNBROKEN + "\n" + one if _is_example(one) else one for one in paragraphs)
 

@@ -8,15 +8,7 @@ from firnline.cli.live.options import needs_live_extra
 
 
 def export_mcap(source: Path, out: Path) -> None:
-    """Write the MCAP file of a run, or of a survey that was watched.
-
-    Parameters
-    ----------
-    source : pathlib.Path
-        Run folder, or log of ``firnline watch``.
-    out : pathlib.Path
-        Ends in ``.mcap``.
-    """
+    """Write the MCAP file of a run, or of a survey that was watched."""
     from survey.core.run_folder import RunFolder
 
     with needs_live_extra():

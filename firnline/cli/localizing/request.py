@@ -117,13 +117,7 @@ class LocalizeRequest:
         return own if self.lens == "auto" else [*own, f"visual.lens={self.lens}"]
 
     def prior_motion(self, drive: "RecordedDrive") -> "IceMotion | None":
-        """Return the prior of the motion of the ice; None where no epoch was named.
-
-        Raises
-        ------
-        InputError
-            Settings of the motion without an epoch, or a recording without fixes.
-        """
+        """Return the prior of the motion of the ice; None where no epoch was named."""
         from sim.config.world import IceAssumptions
         from sim.world.moving_ice import assumed_motion
         from survey.core.config import validated, with_overrides

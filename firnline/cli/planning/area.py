@@ -86,13 +86,7 @@ def area_plan(
 
 
 def checked_options(request: PlanRequest) -> Any:
-    """Return the sections planner, rover and fleet as the options ask for them.
-
-    Raises
-    ------
-    ConfigError
-        A setting that is unknown or wrong.
-    """
+    """Return the sections planner, rover and fleet as the options ask for them."""
     from survey.core.config import validated, with_overrides
 
     return validated(_sections_model(), with_overrides(_sections(request), request.settings), "the options")
@@ -150,13 +144,7 @@ def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
 
 
 def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
-    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses.
-
-    Raises
-    ------
-    InputError
-        Too few cells lie on the area.
-    """
+    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses."""
     import planners
     from planners.planning import covered_share
 

@@ -21,15 +21,7 @@ _DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slo
 
 
 def mode_of(request: PlanRequest) -> Callable[[PlanRequest], None]:
-    """Return the function that carries out a request.
-
-    Raises
-    ------
-    ConfigError
-        Options that contradict one another, or a probability out of its range.
-    InputError
-        An output that exists, is an input or cannot be written.
-    """
+    """Return the function that carries out a request."""
     if request.require is not None:
         from planners.guarantee.requirement import require_probability
 

@@ -66,13 +66,7 @@ class PlanRequest(PlanOptions):
         ]
 
     def check_outputs(self) -> None:
-        """Refuse outputs that exist, are inputs, cannot be written or have an unknown format.
-
-        Raises
-        ------
-        InputError
-            One sentence that names the output and what to do.
-        """
+        """Refuse outputs that exist, are inputs, cannot be written or have an unknown format."""
         from firnline.cli.outputs import refuse_existing
         from survey.core.errors import InputError
 

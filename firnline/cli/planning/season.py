@@ -45,13 +45,7 @@ def plan_season(request: PlanRequest) -> None:
 
 
 def season_config(request: PlanRequest) -> "SeasonConfig":
-    """Return the settings of a season.
-
-    Raises
-    ------
-    ConfigError
-        An error or dates that cannot be read, or are out of range.
-    """
+    """Return the settings of a season."""
     from planners.season import SeasonConfig
 
     text = str(request.season).strip()

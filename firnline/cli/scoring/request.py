@@ -107,15 +107,7 @@ class ScoreRequest(RunOptions):
         return self.source.suffix == ".toml"
 
     def check(self) -> None:
-        """Refuse what cannot be done, before anything is read.
-
-        Raises
-        ------
-        InputError
-            Neither reference nor checkpoints, or a report that is there already.
-        ConfigError
-            An unknown standard, language or form of report, or a column mapping that was not understood.
-        """
+        """Refuse what cannot be done, before anything is read."""
         from survey.core.errors import InputError
         from survey.data.ice_motion import ICE_MOTION
         from survey.io.column_names import parsed_columns
@@ -177,13 +169,7 @@ class ScoreRequest(RunOptions):
         refuse_existing([target], force=self.force, inputs=inputs, own=() if target.suffix else OUTPUTS)
 
     def refuse_options_of_maps(self) -> None:
-        """Refuse options that a mission file does not take.
-
-        Raises
-        ------
-        InputError
-            ``--report`` or ``--by`` was given.
-        """
+        """Refuse options that a mission file does not take."""
         from survey.core.errors import InputError
 
         if self.epoch_s is not None:

@@ -339,12 +339,7 @@ class LidarScans(DataObject):
 class StoredMinutes:
     """Returns of minutes in files, read when they are used.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the files.
-    n : int
-        Number of minutes.
+    `folder`: folder of the files. `n`: number of minutes.
     """
 
     def __init__(self, folder: Path, n: int) -> None:
@@ -366,8 +361,6 @@ def minute_of(time_s: FloatArray) -> FloatArray:
 def n_minutes(time_s: FloatArray) -> int:
     """Return the number of minutes that times (S,) [s] take.
 
-    Examples
-    --------
     >>> n_minutes(np.array([10.0, 69.9])), n_minutes(np.array([10.0, 70.0]))
     (1, 2)
     """

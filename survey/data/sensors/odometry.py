@@ -220,23 +220,10 @@ class LoopClosures(SensorRecords):
 class DriveTies(SensorRecords):
     """Relative positions of two poses of different drives.
 
-    Parameters
-    ----------
-    time_s : (N,) array_like
-        Times of the poses of the first drive, on its clock [s].
-    first, second : (N,) array_like
-        Numbers of the drives, counted from 0; the second number is the larger one.
-    second_s : (N,) array_like
-        Times of the poses of the second drive, on its clock [s].
-    offset : (N, 3) array_like
-        Position of the second body relative to the first: east, north, up [m].
-    covariance : (N, 3, 3) array_like
-        Of `offset` [m²].
-
-    Raises
-    ------
-    InputError
-        Wrong shapes, NaN, times that run backwards, or a pose that is tied to its own drive.
+    `time_s` (N,): times of the poses of the first drive, on its clock [s]. `first`, `second` (N,): numbers of
+    the drives, counted from 0; the second number is the larger one. `second_s` (N,): times of the poses of
+    the second drive, on its clock [s]. `offset` (N, 3): position of the second body relative to the first:
+    east, north, up [m]. `covariance` (N, 3, 3): of `offset` [m²].
     """
 
     COLUMNS: ClassVar = {

@@ -24,8 +24,6 @@ _MARKS = (-999.0, -6999.0, -7999.0, -9999.0, -32767.0, -32768.0, -99999.0)
 class Quantity(Section):
     """A scalar quantity that a payload measures, with its unit and the properties of its sensor.
 
-    Examples
-    --------
     >>> Quantity(name="air_temperature", unit="degC", noise_sd=0.1, lag_s=8.0).label
     'Air temperature [degC]'
     """
@@ -51,24 +49,11 @@ class Quantity(Section):
 class PayloadLog(DataObject):
     """Readings of one quantity on one drive.
 
-    Parameters
-    ----------
-    quantity : Quantity
-        What was measured, and by which sensor.
-    value : (N,) array_like
-        Readings in the unit of the quantity, in the order in which they were taken.
-    time_s : (N,) array_like, optional
-        Times on the clock of the drive, strictly increasing [s]. Give this, `xy`, or both.
-    xy : (N, 2) array_like, optional
-        Easting and northing of the readings [m], where places were logged.
+    `quantity`: what was measured, and by which sensor. `value` (N,): readings in the unit of the quantity, in
+    the order in which they were taken. `time_s` (N,): times on the clock of the drive, strictly increasing
+    [s]. Give this, `xy`, or both. `xy` (N, 2): easting and northing of the readings [m], where places were
+    logged.
 
-    Raises
-    ------
-    InputError
-        Wrong shapes, NaN, fewer than ten readings, neither times nor places, or a lag without times.
-
-    Examples
-    --------
     >>> warm = Quantity(name="air_temperature", unit="degC", noise_sd=0.1)
     >>> len(PayloadLog(warm, np.zeros(12), np.arange(12.0)))
     12
@@ -109,23 +94,7 @@ class PayloadLog(DataObject):
         return len(self.value)
 
     def placed(self, trajectory: Trajectory | None) -> Self:
-        """Return the readings with the places where the trajectory was at their times.
-
-        Parameters
-        ----------
-        trajectory : Trajectory or None
-            Path of the drive on the same clock; not needed for readings with places.
-
-        Returns
-        -------
-        PayloadLog
-            Without readings before the begin and after the end of the trajectory.
-
-        Raises
-        ------
-        InputError
-            Readings without places and no trajectory, or too few of them during the trajectory.
-        """
+        """Return the readings with the places where the trajectory was at their times."""
         if self.xy is not None:
             return self
         if trajectory is None or self.time_s is None:
@@ -147,25 +116,7 @@ class PayloadLog(DataObject):
 
     @classmethod
     def read(cls, path: str | Path, quantity: Quantity) -> Self:
-        """Read a CSV with the column of the quantity and ``time_s``, or ``easting_m`` and ``northing_m``.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-        quantity : Quantity
-            Its name is that of the column.
-
-        Returns
-        -------
-        PayloadLog
-            Places are those of the survey's CRS.
-
-        Raises
-        ------
-        InputError
-            Missing, damaged, or without one of the columns.
-        """
+        """Read a CSV with the column of the quantity and ``time_s``, or ``easting_m`` and ``northing_m``."""
         columns = _columns(Path(path), quantity.name)
         _refuse_marks(columns[quantity.name], f"the log of {quantity.name} {path}")
         places = [columns.get(name) for name in _PLACE]
@@ -173,13 +124,7 @@ class PayloadLog(DataObject):
         return cls(quantity, columns[quantity.name], columns.get(_TIME), xy)
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV that `read` reads.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-        """
+        """Write a CSV that `read` reads."""
         columns = {} if self.time_s is None else {_TIME: self.time_s}
         if self.xy is not None:
             columns |= dict(zip(_PLACE, self.xy.T, strict=True))

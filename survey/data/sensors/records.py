@@ -21,15 +21,7 @@ UPPER = np.triu_indices(3)
 class SensorRecords(DataObject):
     """Base class of sensor records: increasing times, one row per reading, a CSV table with units.
 
-    Parameters
-    ----------
-    time_s : (N,) array_like
-        Times of the readings [s], increasing.
-
-    Raises
-    ------
-    InputError
-        Wrong shapes, NaN, too few readings, or times that do not increase.
+    `time_s` (N,): times of the readings [s], increasing.
     """
 
     COLUMNS: ClassVar[dict[str, tuple[str, ...]]] = {}

@@ -183,12 +183,7 @@ _YEARS = (1900.0, 2100.0)
 class NamedStakeSurveys(NamedTuple):
     """Surveys of stakes with the names of these.
 
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the stakes, in the order of their indices.
-    surveys : StakeSurveys
-        Surveys, by time.
+    `names`: names of the stakes, in the order of their indices. `surveys`: surveys, by time.
     """
 
     names: tuple[str, ...]

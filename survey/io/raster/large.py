@@ -38,25 +38,7 @@ _CELLS_AT_ONCE = 4_000_000
 def read_averaged(path: str | Path, cells: int, bands: Sequence[int] = (1,)) -> list[Raster]:
     """Return the averages of squares of cells, read in strips of rows.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A north-up raster with square cells.
-    cells : int
-        Cells along a side of a square. The squares are counted from the origin of the CRS, so that those of two rasters
-        with the same cells are the same.
-    bands : sequence of int
-        Counted from 1.
-
-    Returns
-    -------
-    list of Raster
-        One for each band; NaN where less than half of a square is known.
-
-    Raises
-    ------
-    InputError
-        As in `survey.io.raster.read_raster`, or a raster that is rotated or has oblong cells.
+    Returns: one for each band; NaN where less than half of a square is known.
     """
     with opened_raster(existing_file(path, "the raster")) as source:
         check_transform(source.transform)
@@ -117,25 +99,7 @@ _LARGE_COG_OPTIONS = {**COG_OPTIONS, "bigtiff": "IF_SAFER"}
 
 
 def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
-    """Write a raster of any size as Cloud-Optimized GeoTIFF or as an Esri ASCII grid.
-
-    Parameters
-    ----------
-    source : str or pathlib.Path
-        A north-up raster with square cells.
-    out : str or pathlib.Path
-        ``.asc`` for an ASCII grid of one band, anything else for a GeoTIFF. The folder has to have room for the raster
-        without compression beside it.
-    crs : pyproj.CRS
-        The raster's projected CRS.
-
-    Raises
-    ------
-    InputError
-        As in `survey.io.raster.read_raster`; the file cannot be written.
-    CapacityError
-        The ending names NetCDF, which is written in one part.
-    """
+    """Write a raster of any size as Cloud-Optimized GeoTIFF or as an Esri ASCII grid."""
     target = Path(out)
     if target.suffix.lower() == ".nc":
         raise CapacityError(
@@ -229,27 +193,8 @@ def write_mosaic(
 ) -> None:
     """Write a virtual raster that consists of rasters in its folder or below.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The ``.vrt`` file.
-    tiles : sequence of MosaicTile
-        Rasters with these bands, which do not overlap.
-    bands : sequence of MosaicBand
-        Bands of every tile, in their order.
-    shape : (2,) tuple of int
-        Rows and columns of the mosaic.
-    transform : affine.Affine
-        Maps (column, row) of a cell's corner to easting and northing [m].
-    crs : pyproj.CRS
-        Projected, in metres.
-    vertical_datum : str
-        Name of the surface that heights count from.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
+    `shape` (2,) int: rows and columns of the mosaic. `transform`: maps (column, row) of a cell's corner to
+    easting and northing [m].
     """
     rows, columns = shape
     root = ET.Element("VRTDataset", rasterXSize=str(columns), rasterYSize=str(rows))

@@ -135,20 +135,7 @@ def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
 
 
 def damaged(file: Path, error: Exception) -> InputError:
-    """Return the refusal of a raster that GDAL cannot read.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The raster.
-    error : Exception
-        What GDAL raised.
-
-    Returns
-    -------
-    InputError
-        Names the file and the reason.
-    """
+    """Return the refusal of a raster that GDAL cannot read."""
     if isinstance(error, MemoryError):
         return CapacityError(
             f"{file} does not fit the memory ({first_line(error)}); cut a window (gdal_translate -projwin) first."
@@ -173,18 +160,8 @@ _SMALLEST_M = 1e-4
 def check_transform(t: Affine) -> None:
     """Refuse a transform that is not north-up with square cells.
 
-    Parameters
-    ----------
-    t : affine.Affine
-        Maps (column, row) of a cell's upper left corner to easting and northing [m].
+    `t`: maps (column, row) of a cell's upper left corner to easting and northing [m].
 
-    Raises
-    ------
-    InputError
-        No georeference, a rotated or south-up raster, cells that are not square or smaller than 0.1 mm.
-
-    Examples
-    --------
     >>> check_transform(Affine(3.0, 0.0, 500_000.0, 0.0, -3.0, 6_700_000.0))
     """
     if t == Affine.identity():
@@ -217,18 +194,6 @@ CRS_TAG = "FIRNLINE_CRS"
 def crs_tag(crs: CRS) -> dict[str, str]:
     """Return the tag of a CRS that has a code; none for others.
 
-    Parameters
-    ----------
-    crs : pyproj.CRS
-        Projected.
-
-    Returns
-    -------
-    dict of str to str
-        At most one tag.
-
-    Examples
-    --------
     >>> crs_tag(CRS("EPSG:32608"))
     {'FIRNLINE_CRS': 'EPSG:32608'}
     """
@@ -237,20 +202,7 @@ def crs_tag(crs: CRS) -> dict[str, str]:
 
 
 def refuse_altered_crs(source: Any, file: Path) -> None:
-    """Refuse an open GeoTIFF whose CRS is not that of its tag.
-
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        An open raster; one without the tag passes.
-    file : pathlib.Path
-        Where it is, for the message.
-
-    Raises
-    ------
-    InputError
-        The two differ.
-    """
+    """Refuse an open GeoTIFF whose CRS is not that of its tag."""
     stated = source.tags().get(CRS_TAG)
     if stated is None or _is_same(stated, source.crs):
         return
@@ -278,21 +230,7 @@ def refuse_damaged_blocks(source: Any, file: Path, band: int, window: Sequence[i
     GDAL returns the values of a block whose checksum is wrong, without a warning. Blocks of
     other compressions carry no checksum and pass. The sources of a VRT are compared in the same way.
 
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        The opened file.
-    file : pathlib.Path
-        Where it is.
-    band : int
-        Counted from 1.
-    window : sequence of int
-        First column, first row, width and height [cells].
-
-    Raises
-    ------
-    DamagedError
-        A block that does not unpack, or whose checksum differs.
+    `window`: first column, first row, width and height [cells].
     """
     if source.driver == "VRT":
         for part in raster_parts(file, band, window):
@@ -402,19 +340,6 @@ def refuse_unreadable(file: Path, largest_cells: int) -> None:
 
     It costs some 0.5 s: a process that hangs in a library cannot be interrupted from within.
     Variables of more than `largest_cells` cells are not read through.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        A NetCDF file.
-    largest_cells : int
-        Variables of more cells are not read through.
-
-    Raises
-    ------
-    InputError
-        The library does not come to an end over this file, or crashes; the file takes values from other
-        files; it is HDF5 and h5py is not installed to find that out.
     """
     patience_s = _PATIENCE_S + file.stat().st_size / _SLOWEST_BYTES_PER_S
     command = [sys.executable, "-c", _READ_THROUGH, str(file.absolute()), str(largest_cells)]

@@ -40,18 +40,10 @@ _MARGIN_CELLS = 2
 class Raster(NamedTuple):
     """One band of a raster.
 
-    Parameters
-    ----------
-    values : (H, W) ndarray
-        Values [m], NaN for nodata; the first row is the northern one, unless the raster is rotated.
-    transform : affine.Affine
-        Maps (column, row) of a cell's upper left corner to the CRS.
-    crs : str or pyproj.CRS or None
-        As the file states it.
-    vertical_datum : str
-        As the file states it; ``""`` when unstated.
-    stored_as : str
-        Data type of the file's band.
+    `values` (H, W): values [m], NaN for nodata; the first row is the northern one, unless the raster is
+    rotated. `transform`: maps (column, row) of a cell's upper left corner to the CRS. `crs`: as the file
+    states it. `vertical_datum`: as the file states it; ``""`` when unstated. `stored_as`: data type of the
+    file's band.
     """
 
     values: FloatArray
@@ -66,33 +58,9 @@ def read_raster(
 ) -> Raster:
     """Read one band with its georeference; scale, offset and unit are applied, nodata becomes NaN.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A file whose suffix is in `survey.io.file_kinds.RASTER_DRIVERS`.
-    band : int
-        Counted from 1; of NetCDF files with several variables, the number of the variable.
-    bounds : (4,) tuple of float, optional
-        West, south, east, north in the raster's CRS: only the cells from which heights within
-        are interpolated are read, and the checksum of the whole band is not verified.
-    bounds_crs : pyproj.CRS, optional
-        The projected CRS of the bounds, for rasters in degrees; others have bounds in their own CRS.
+    `bounds` (4,): west, south, east, north in the raster's CRS: only the cells from which heights within are
+    interpolated are read, and the checksum of the whole band is not verified.
 
-    Returns
-    -------
-    Raster
-        Values in metres.
-
-    Raises
-    ------
-    InputError
-        The file is missing, empty, damaged, of another kind, leads to other places than its own
-        files, has no such band, or the band is a picture or in a unit that is no length.
-    CapacityError
-        More than `LARGEST_CELLS` cells are to be read.
-
-    Notes
-    -----
     NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.opening`.
     """
     file = existing_file(path, "the raster")
@@ -146,19 +114,7 @@ def _own_bounds(source: Any, bounds: Bounds | None, crs: CRS | None) -> Bounds |
 def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -> tuple[Any, ...]:
     """Return what a band's checksum is taken of: the numbers as they are stored, their place and datum.
 
-    Parameters
-    ----------
-    values : (H, W) ndarray
-        A band [m].
-    transform : affine.Affine
-        Its georeference.
-    vertical_datum : str
-        Its vertical datum.
-
-    Returns
-    -------
-    tuple
-        For `survey.io.arrays_file.checksum`.
+    `values` (H, W): a band [m].
     """
     stored = np.where(np.isfinite(values), values, NODATA).astype("<f4")
     return (
@@ -181,62 +137,19 @@ class RasterFacts(NamedTuple):
 
 
 def stated_datum(source: Any) -> str:
-    """Return the vertical datum that an open raster's tags name, or ``""``.
-
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        An open raster.
-
-    Returns
-    -------
-    str
-        Name of the datum.
-    """
+    """Return the vertical datum that an open raster's tags name, or ``""``."""
     tags = source.tags()
     return str(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
 
 
 def raster_facts(path: str | Path) -> RasterFacts:
-    """Return what a raster's header says, without reading its cells.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The raster.
-
-    Returns
-    -------
-    RasterFacts
-        Shape and CRS.
-
-    Raises
-    ------
-    InputError
-        As in `read_raster`.
-    """
+    """Return what a raster's header says, without reading its cells."""
     with opened_raster(existing_file(path, "the raster")) as source:
         return _facts(source)
 
 
 def raster_header(path: str | Path) -> RasterFacts:
-    """Return what a raster's header says; damage of its cells is not looked for.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The raster.
-
-    Returns
-    -------
-    RasterFacts
-        Shape, CRS and georeference.
-
-    Raises
-    ------
-    InputError
-        The file is missing, empty, damaged or of another kind.
-    """
+    """Return what a raster's header says; damage of its cells is not looked for."""
     with opened_dataset(existing_file(path, "the raster"), 1) as source:
         return _facts(source)
 
@@ -247,34 +160,12 @@ def _facts(source: Any) -> RasterFacts:
 
 
 def band_count(path: str | Path) -> int:
-    """Return the number of bands of a raster, or of variables of a NetCDF file.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The raster.
-
-    Returns
-    -------
-    int
-        At least 1.
-    """
+    """Return the number of bands of a raster, or of variables of a NetCDF file."""
     return len(band_names(path))
 
 
 def band_names(path: str | Path) -> list[str]:
-    """Return the names of the bands of a raster; numbered where it gives none.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The raster.
-
-    Returns
-    -------
-    list of str
-        One name per band.
-    """
+    """Return the names of the bands of a raster; numbered where it gives none."""
     with opened_list_of_bands(existing_file(path, "the raster")) as source:
         if source.subdatasets:
             return [part.rsplit(":", 1)[1] for part in source.subdatasets]
@@ -289,18 +180,7 @@ _STRIP_CELLS = 4_000_000
 
 @contextmanager
 def opened_raster(file: Path) -> Iterator[Any]:
-    """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        An existing raster.
-
-    Raises
-    ------
-    InputError
-        As in `read_raster`.
-    """
+    """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence."""
     with opened_dataset(file, 1) as source:
         checked_band(source, file, 1)
         refuse_damaged_blocks(source, file, 1, (0, 0, source.width, source.height))
@@ -361,19 +241,7 @@ def read_strips(source: Any, band: int, window: Sequence[int]) -> FloatArray:
 def read_window(source: Any, band: int, window: Any) -> FloatArray:
     """Read a window of an open raster.
 
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        From `opened_raster`.
-    band : int
-        Counted from 1.
-    window : rasterio.windows.Window
-        Columns and rows of the raster.
-
-    Returns
-    -------
-    (h, w) ndarray
-        Values [m], scale, offset and unit applied; NaN for nodata.
+    Returns (h, w): values [m], scale, offset and unit applied; NaN for nodata.
     """
     refuse_picture(source, band)
     strip = source.read(band, window=window, masked=True, out_dtype=np.float64)

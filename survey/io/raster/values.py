@@ -89,15 +89,7 @@ class BandScale(NamedTuple):
     def applied(self, stored: FloatArray) -> FloatArray:
         """Return metres (h, w); numbers that are metres already come back bit by bit.
 
-        Parameters
-        ----------
-        stored : (h, w) ndarray
-            Numbers as the file stores them.
-
-        Returns
-        -------
-        (h, w) ndarray
-            Metres.
+        `stored` (h, w): numbers as the file stores them. Returns (h, w): metres.
         """
         if self == (1.0, 0.0):
             return stored
@@ -105,25 +97,7 @@ class BandScale(NamedTuple):
 
 
 def band_scale(source: Any, band: int) -> BandScale:
-    """Return scale and offset of an open raster's band, the conversion of its unit to metres included.
-
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        An open raster.
-    band : int
-        Counted from 1.
-
-    Returns
-    -------
-    BandScale
-        From stored numbers to metres.
-
-    Raises
-    ------
-    InputError
-        The band counts in a unit that is no known length, or its scale is 0 or not finite.
-    """
+    """Return scale and offset of an open raster's band, the conversion of its unit to metres included."""
     unit = (source.units[band - 1] or "").strip()
     metres = _METRES.get(unit.lower())
     if metres is None:
@@ -141,22 +115,7 @@ def band_scale(source: Any, band: int) -> BandScale:
 def valid_range(source: Any, band: int) -> tuple[float, float]:
     """Return the least and the greatest stored number that mean a known cell, as NetCDF states them.
 
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        An open raster.
-    band : int
-        Counted from 1.
-
-    Returns
-    -------
-    float, float
-        ``valid_range``, or ``valid_min`` and ``valid_max``; infinite where nothing is stated.
-
-    Raises
-    ------
-    InputError
-        What is stated is no number.
+    Returns: ``valid_range``, or ``valid_min`` and ``valid_max``; infinite where nothing is stated.
     """
     tags = source.tags(band)
     both = tags.get("valid_range", "").strip("{} ").split(",") if tags.get("valid_range") else []
@@ -170,20 +129,7 @@ def valid_range(source: Any, band: int) -> tuple[float, float]:
 
 
 def refuse_depths(source: Any, band: int) -> None:
-    """Refuse a band that counts downwards.
-
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        An open raster.
-    band : int
-        Counted from 1.
-
-    Raises
-    ------
-    InputError
-        The band states ``positive = down``.
-    """
+    """Refuse a band that counts downwards."""
     if source.tags(band).get("positive", "").strip().lower() == "down":
         raise InputError(
             f"band {band} of {source.name} counts downwards (positive = down); elevations upwards are needed, change the sign first."
@@ -191,20 +137,7 @@ def refuse_depths(source: Any, band: int) -> None:
 
 
 def refuse_picture(source: Any, band: int) -> None:
-    """Refuse a band of a picture or a mask of single bits: it is no elevation.
-
-    Parameters
-    ----------
-    source : rasterio.DatasetReader
-        An open raster.
-    band : int
-        Counted from 1.
-
-    Raises
-    ------
-    InputError
-        The band is a colour, an index into a palette, a transparency, or has one bit per cell.
-    """
+    """Refuse a band of a picture or a mask of single bits: it is no elevation."""
     colour = source.colorinterp[band - 1].name
     if colour in _PICTURES:
         raise InputError(
@@ -223,21 +156,7 @@ def refuse_picture(source: Any, band: int) -> None:
 def refuse_unmarked(stored: FloatArray, name: str, dtype: str = "float64", *, in_metres: bool = True) -> None:
     """Refuse stored numbers (h, w) that mean an unknown cell without being declared as nodata.
 
-    Parameters
-    ----------
-    stored : (h, w) ndarray
-        Numbers as the file stores them, NaN for nodata.
-    name : str
-        Name of the file, for the message.
-    dtype : str
-        Data type of the file's band. The least and the greatest number of a wide integer mean an unknown cell.
-    in_metres : bool
-        Whether the numbers are metres as they are stored.
-
-    Raises
-    ------
-    InputError
-        A number such as -9999, -32768, 65535 or -3.4e38 is among them.
+    `stored` (h, w): numbers as the file stores them, NaN for nodata.
     """
     known = stored[np.isfinite(stored)]
     if len(known) == 0:
@@ -275,22 +194,8 @@ def refuse_detached(elevation: FloatArray, step_m: float, name: str) -> None:
     Collars and voids are often filled with a number such as 0 that the file does not declare. No ground is
     surrounded by nothing but cliffs that are higher than 100 m and steeper than 45 degrees.
 
-    Parameters
-    ----------
-    elevation : (H, W) ndarray
-        Elevations [m], NaN where unknown.
-    step_m : float
-        Width of a cell [m].
-    name : str
-        Name of the file, for the message.
+    `elevation` (H, W): elevations [m], NaN where unknown. `step_m`: width of a cell [m].
 
-    Raises
-    ------
-    InputError
-        At least two cells hold the same number, and all others are farther from it than 100 m and a cell's width.
-
-    Examples
-    --------
     >>> ground = np.array([[812.0, 815.0, 0.0], [811.0, 814.0, 0.0]])
     >>> refuse_detached(ground, 10.0, "dem.tif")
     Traceback (most recent call last):
@@ -304,17 +209,7 @@ def refuse_detached(elevation: FloatArray, step_m: float, name: str) -> None:
 def refuse_impossible(elevation: FloatArray, name: str) -> None:
     """Refuse elevations most of which are beyond any ground on Earth, as decimetres or millimetres without a unit are.
 
-    Parameters
-    ----------
-    elevation : (H, W) ndarray
-        Elevations [m], NaN where unknown.
-    name : str
-        Name of the file, for the message.
-
-    Raises
-    ------
-    InputError
-        The median is above 9000 m or below -12,000 m.
+    `elevation` (H, W): elevations [m], NaN where unknown.
     """
     known = elevation[np.isfinite(elevation)]
     middle_m = float(np.median(known)) if known.size else 0.0
@@ -330,8 +225,6 @@ class Extremes:
 
     Rasters that are read in blocks add one block after the other.
 
-    Examples
-    --------
     >>> extremes = Extremes()
     >>> extremes.add(np.array([[812.0, 815.0], [811.0, 814.0]]))
     >>> extremes.add(np.array([[0.0], [0.0]]))

@@ -28,19 +28,8 @@ _TOLERANCE_CELLS = 0.001
 def window_crs(path: str | Path, crs: Any, bounds: Bounds | None) -> CRS | None:
     """Return the CRS in which the bounds of a window count, where it is not the raster's own.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The raster.
-    crs : str, int, pyproj.CRS or None
-        CRS that was named for the result.
-    bounds : (4,) tuple of float or None
-        The window [m].
-
-    Returns
-    -------
-    pyproj.CRS or None
-        The named CRS where it is projected; for a raster in degrees the chosen one; else None.
+    `bounds` (4,): the window [m]. Returns: the named CRS where it is projected; for a raster in degrees the
+    chosen one; else None.
     """
     if crs is not None and not is_geographic(crs):
         return known_crs(crs, "the request")
@@ -56,29 +45,7 @@ def in_metres(
 ) -> Raster:
     """Return a raster in a projected CRS: as it is, or warped once where it is in degrees, and log that.
 
-    Parameters
-    ----------
-    raster : Raster
-        In degrees or in metres.
-    crs : str, int, pyproj.CRS or None
-        CRS of a raster that states none, or the projected one to which degrees are warped; by default
-        the one that `survey.core.transformation.chosen_crs` finds.
-    where : str
-        Name of the file, for the message.
-    bounds : (4,) tuple of float, optional
-        What is needed of a raster in degrees, in the projected CRS [m].
-    nearest : bool
-        Take the nearest cell, as for masks, instead of interpolating.
-
-    Returns
-    -------
-    Raster
-        With a projected CRS. Values and vertical datum of a raster in metres are unchanged.
-
-    Raises
-    ------
-    InputError
-        No CRS, one that disagrees with the file's, or bounds outside the raster.
+    `bounds` (4,): what is needed of a raster in degrees, in the projected CRS [m].
     """
     stated = crs if raster.crs is None else raster.crs
     if not is_geographic(stated):
@@ -100,20 +67,7 @@ def in_metres(
 
 
 def cell_m(path: str | Path, crs: CRS) -> float:
-    """Return the width that the cells of a raster have in a projected CRS [m].
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A raster in that CRS, or in degrees.
-    crs : pyproj.CRS
-        The projected CRS.
-
-    Returns
-    -------
-    float
-        For a raster in degrees, that of the cells to which it is warped.
-    """
+    """Return the width that the cells of a raster have in a projected CRS [m]."""
     header = raster_header(path)
     if not is_geographic(header.crs):
         return abs(float(header.transform.a))
@@ -174,8 +128,6 @@ def _sides_m(transform: Affine, shape: tuple[int, ...], geographic: CRS, crs: CR
 def _step(sides_m: tuple[float, float]) -> float:
     """Return the width of square cells of the same area, to two digits [m].
 
-    Examples
-    --------
     >>> _step((75.3, 92.6))
     84.0
     """

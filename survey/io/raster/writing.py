@@ -56,24 +56,8 @@ def write_raster(
     ``.asc`` is an Esri ASCII grid of one band with its CRS in a ``.prj`` beside it, which states no
     vertical datum; ``.nc`` is NetCDF; everything else is a Cloud-Optimized GeoTIFF.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file; its suffix names the format.
-    bands : mapping of str to (H, W) ndarray
-        Bands by name [m], NaN for nodata.
-    transform : affine.Affine
-        Maps (column, row) of a cell's corner to easting and northing [m].
-    crs : pyproj.CRS
-        Projected, in metres.
-    vertical_datum : str
-        Name of the surface that heights count from.
-
-    Raises
-    ------
-    InputError
-        When the raster is not north-up with square cells, the file cannot be written, several bands are to go to an ASCII grid, or what
-        NetCDF needs is not installed.
+    `bands`: bands by name [m], NaN for nodata. `transform`: maps (column, row) of a cell's corner to easting
+    and northing [m].
     """
     check_transform(transform)
     suffix = Path(path).suffix.lower()
@@ -96,23 +80,7 @@ def write_bytes_raster(
 ) -> None:
     """Write one band of bytes as a Cloud-Optimized GeoTIFF without nodata.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The GeoTIFF.
-    name : str
-        Name of the band.
-    codes : (H, W) ndarray of uint8
-        Values.
-    transform : affine.Affine
-        Maps (column, row) of a cell's corner to easting and northing [m].
-    crs : pyproj.CRS
-        Projected, in metres.
-
-    Raises
-    ------
-    InputError
-        When the raster is not north-up with square cells, or the file cannot be written.
+    `codes` (H, W): values. `transform`: maps (column, row) of a cell's corner to easting and northing [m].
     """
     check_transform(transform)
     written = written_crs(crs, UNSTATED).to_wkt()
@@ -164,19 +132,7 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
 
     The error of the resampling comes on top of the raster's own: use it for priors.
 
-    Parameters
-    ----------
-    raster : Raster
-        In any CRS.
-    crs : pyproj.CRS
-        Projected CRS of the result.
-    step_m : float
-        Side of its cells [m].
-
-    Returns
-    -------
-    Raster
-        North-up, NaN where the raster does not reach.
+    `step_m`: side of its cells [m]. Returns: North-up, NaN where the raster does not reach.
     """
     from rasterio.transform import array_bounds
     from rasterio.warp import Resampling, calculate_default_transform, reproject
@@ -203,20 +159,7 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
 
 
 def written_crs(crs: CRS, vertical_datum: str) -> CRS:
-    """Return the CRS that a file states: with its vertical part where the datum has a code.
-
-    Parameters
-    ----------
-    crs : pyproj.CRS
-        Projected.
-    vertical_datum : str
-        Name of the surface that heights count from.
-
-    Returns
-    -------
-    pyproj.CRS
-        Projected or compound.
-    """
+    """Return the CRS that a file states: with its vertical part where the datum has a code."""
     horizontal = projected_crs(crs, "the raster to write")
     # GDAL writes the vertical part of a CRS only when it has a code of its own.
     code = VERTICAL_CRS.get(vertical_datum)
@@ -239,25 +182,8 @@ def write_netcdf(
 ) -> None:
     """Write each band as a float32 variable over y and x [m], with CRS and vertical datum.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    bands : mapping of str to (H, W) ndarray
-        Bands by name [m], NaN for nodata.
-    transform : affine.Affine
-        Maps (column, row) of a cell's corner to easting and northing [m].
-    crs : pyproj.CRS
-        Projected, with the vertical part if it has a code.
-    vertical_datum : str
-        Name of the surface that heights count from.
-    attributes : mapping of str to mapping, optional
-        CF attributes of bands by their names; ``units`` are metres unless stated.
-
-    Raises
-    ------
-    InputError
-        When xarray, h5netcdf or h5py are not installed, or the file cannot be written.
+    `bands`: bands by name [m], NaN for nodata. `transform`: maps (column, row) of a cell's corner to easting
+    and northing [m].
     """
     try:
         import h5netcdf  # noqa: F401  # xarray looks for both by name
@@ -326,23 +252,8 @@ def write_categories(
 ) -> None:
     """Write codes as bytes, and the names of the categories in ``.aux.xml`` beside, where GDAL and QGIS look for them.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        A GeoTIFF.
-    codes : (H, W) ndarray of uint8
-        Numbers of categories.
-    categories : sequence of str
-        Their names, counted from 0.
-    transform : affine.Affine
-        Maps (column, row) of a cell's corner to easting and northing [m].
-    crs : pyproj.CRS
-        Projected, in metres.
-
-    Raises
-    ------
-    InputError
-        When the raster is not north-up with square cells, or the file cannot be written.
+    `codes` (H, W): numbers of categories. `transform`: maps (column, row) of a cell's corner to easting and
+    northing [m].
     """
     file = Path(path)
     write_bytes_raster(file, file.stem, np.asarray(codes, dtype=np.uint8), transform, crs)
@@ -365,25 +276,7 @@ class Codes(NamedTuple):
 
 
 def read_codes(path: str | Path) -> Codes:
-    """Read the codes of a categorical raster, such as land cover, in any CRS.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Raster of whole numbers; its first band is read.
-
-    Returns
-    -------
-    Codes
-        Codes (H, W) with their placement.
-
-    Raises
-    ------
-    InputError
-        Missing, damaged, without a CRS, or with decimals.
-    CapacityError
-        More than `LARGEST_CELLS` cells.
-    """
+    """Read the codes of a categorical raster, such as land cover, in any CRS."""
     file = existing_file(path, "the raster of classes")
     with opened_dataset(file, 1) as source:
         if source.width * source.height > LARGEST_CELLS:

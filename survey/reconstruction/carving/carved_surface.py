@@ -192,16 +192,8 @@ class RasterBlock(NamedTuple):
 class CarvedSurface:
     """A surface f(x) = prior + Σ α k(x, x_j), in the coordinates of its frame.
 
-    Parameters
-    ----------
-    frame : Frame
-        What it covers.
-    step : Step
-        Parameters of a pass.
-    settled, latest : Bases
-        What earlier runs and this run have learned.
-    raster : (H, W) ndarray
-        Both on the frame's nodes [m], where lines of sight carve.
+    `frame`: what it covers. `step`: parameters of a pass. `settled`, `latest`: what earlier runs and this run
+    have learned. `raster` (H, W): both on the frame's nodes [m], where lines of sight carve.
     """
 
     frame: Frame
@@ -353,16 +345,7 @@ Codes = npt.NDArray[np.uint8]
 def support_codes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: bool) -> Codes:
     """Return the support codes (H, W) of nodes: a point within half a step, rays over it, a point within reach.
 
-    Parameters
-    ----------
-    window : NodeWindow
-        Nodes in the cloud's coordinates.
-    cloud : Cloud
-        Points and their sensors.
-    reach_m : float
-        Distance within which a point determines the surface [m].
-    rays : bool
-        Whether lines of sight count.
+    `reach_m`: distance within which a point determines the surface [m].
     """
     hit = np.zeros(window.shape, dtype=bool)
     u, v = np.round(window.coordinates(cloud.xyz[:, :2])).astype(np.int64).T

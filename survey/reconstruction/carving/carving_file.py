@@ -56,13 +56,7 @@ def write_carving(path: str | Path, model: CarvingState) -> None:
 
 
 def read_carving(path: str | Path) -> CarvingState:
-    """Read what `write_carving` wrote.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged or holds something else.
-    """
+    """Read what `write_carving` wrote."""
     facts, arrays = read_arrays(path, _FORMAT)
     config = validated(SpaceCarvingConfig, facts["config"], "the settings of the space-carving kernels")
     crs = CRS.from_wkt(facts["crs"])

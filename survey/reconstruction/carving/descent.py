@@ -31,21 +31,9 @@ def wu_kernel(distance_m: FloatArray, length_m: float) -> FloatArray:
 
     Eqs. 6 and 7 of the carving paper, divided by 4 so that a weight is a height.
 
-    Parameters
-    ----------
-    distance_m : array_like
-        Distances d [m].
-    length_m : float
-        Length scale σ [m], beyond which the kernel is 0.
+    `distance_m`: distances d [m]. `length_m`: length scale σ [m], beyond which the kernel is 0. Returns:
+    between 0 and 1, positive definite in up to three dimensions, twice continuously differentiable.
 
-    Returns
-    -------
-    ndarray
-        Between 0 and 1, positive definite in up to three dimensions, twice continuously
-        differentiable.
-
-    Examples
-    --------
     >>> wu_kernel(np.array([0.0, 1.0, 2.0, 3.0]), 2.0).round(4)
     array([1.    , 0.2402, 0.    , 0.    ])
     """

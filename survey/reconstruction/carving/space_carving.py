@@ -54,13 +54,8 @@ class SpaceCarvingKernel(TerrainModel):
     `bound_offset_m` above and below, meet the first where data are and part from it where none
     are: their distance is the paper's uncertainty.
 
-    Parameters
-    ----------
-    config : SpaceCarvingConfig
-        Length scales, rates, and whether lines of sight carve.
+    `config`: length scales, rates, and whether lines of sight carve.
 
-    Notes
-    -----
     The paper leaves open how σ shrinks, η₀, λ and the size of a violation that counts; the
     configuration states our choices. Wu's kernel is divided by 4, so that it is 1 at 0.
 
@@ -73,8 +68,6 @@ class SpaceCarvingKernel(TerrainModel):
     two. An update visits the new points and the old ones within the largest length scale;
     lines of sight of other points are not visited again.
 
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 8.0, (900, 2))
     >>> xyz = np.column_stack([xy, 0.2 * xy[:, 0] + 0.02 * rng.standard_normal(900)])
@@ -103,27 +96,11 @@ class SpaceCarvingKernel(TerrainModel):
     _codes: Codes | None = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Discard the present map and fit the points.
-
-        Raises
-        ------
-        InputError
-            Lines of sight that make no sense, or none though they are to carve.
-        CapacityError
-            More ground than memory.
-        """
+        """Discard the present map and fit the points."""
         return self.begin(points).learn()
 
     def update(self, points: SurfacePoints) -> Self:
-        """Add points in place, and learn from them and from the old ones within their reach.
-
-        Raises
-        ------
-        InputError
-            Another CRS, lines of sight that make no sense, or none though they are to carve.
-        CapacityError
-            More ground than memory.
-        """
+        """Add points in place, and learn from them and from the old ones within their reach."""
         return (self.begin(points) if self.place is None else self.add(points)).learn()
 
     def learn(self) -> Self:
@@ -158,15 +135,7 @@ class SpaceCarvingKernel(TerrainModel):
         return self._taken(accepted)
 
     def passes(self) -> Iterator[Pass]:
-        """Learn pass by pass: between two the model can be asked, given points, or left as it is.
-
-        Yields
-        ------
-        Pass
-            What the mean surface's pass did. The run ends after `n_epochs` passes, once the
-            mean violation is below the tolerance, or once the error of the points held back
-            has grown.
-        """
+        """Learn pass by pass: between two the model can be asked, given points, or left as it is."""
         visited = self._to_visit()
         for surface in self.surfaces_.values():
             surface.settle(Step(surface.step.prior_m, *self._pace(len(visited))))
@@ -192,13 +161,7 @@ class SpaceCarvingKernel(TerrainModel):
                 break
 
     def prior_surfaces(self, xy: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the lower and upper surface (N,) [m] as the paper draws them; NaN beyond the frame.
-
-        Raises
-        ------
-        InputError
-            The model was to learn without bounds.
-        """
+        """Return the lower and upper surface (N,) [m] as the paper draws them; NaN beyond the frame."""
         places = checked(xy, (None, 2), "the places to predict")
         self._require_bounds()
         return self._surface(LOWER, places), self._surface(UPPER, places)
@@ -228,13 +191,7 @@ class SpaceCarvingKernel(TerrainModel):
         return sums[0], sums[1]
 
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:  # noqa: ARG002
-        """Refuse: the surfaces state no distribution.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """Refuse: the surfaces state no distribution."""
         raise InputError(
             "a SpaceCarvingKernel has three surfaces and no distribution to draw from; take a FieldLattice."
         )

@@ -21,13 +21,8 @@ from survey.reconstruction.gp.kernels import KINDS, Kernel, Matern32, RationalQu
 class Sum(Kernel):
     """Sum of independent kernels, such as a long and a short scale; their spectra add.
 
-    Parameters
-    ----------
-    *parts : Kernel
-        At least one kernel.
+    `parts`: at least one kernel.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> kernel = Sum(SquaredExponential(11.6, 39.9), SquaredExponential(0.18, 13.0))
     >>> kernel.variance_m2
@@ -159,27 +154,12 @@ def kernel_of(
 ) -> Kernel:
     """Return the covariance function of a family; ``auto`` gives the squared exponential.
 
-    Parameters
-    ----------
-    family : str
-        One of `FAMILIES`.
-    variance_m2, length_scale_m : float
-        Variance [m²] and length scale [m], of the longest scale where there are several.
-    anisotropy, angle_deg : float
-        Ratio of the length scales along and across, and direction of the former [deg].
-    shape : float
-        Exponent of the rational quadratic.
-    second : (float or None, float or None)
-        Variance and length scale of the shortest scale; by default a third of the length and a tenth of the variance.
-        A third scale lies half-way between the two, by ratios.
+    `variance_m2`, `length_scale_m`: variance [m²] and length scale [m], of the longest scale where there are
+    several. `anisotropy`, `angle_deg`: ratio of the length scales along and across, and direction of the
+    former [deg]. `second` (float or None, float or None): variance and length scale of the shortest scale; by
+    default a third of the length and a tenth of the variance. A third scale lies half-way between the two, by
+    ratios.
 
-    Returns
-    -------
-    Kernel
-        The covariance function.
-
-    Examples
-    --------
     >>> kernel_of("two-scale", 9.0, 30.0).length_scales_m
     (10.0, 30.0)
     """
@@ -208,8 +188,6 @@ def _of_scales(
 def family_of(kernel: Kernel) -> str:
     """Return the name of a kernel's family; ``sum`` for a sum, the class's name for one that is not registered.
 
-    Examples
-    --------
     >>> family_of(Matern32(4.0, 25.0))
     'matern-3/2'
     """
@@ -219,13 +197,7 @@ def family_of(kernel: Kernel) -> str:
 
 
 def kernel_facts(kernel: Kernel) -> dict[str, Any]:
-    """Return a kernel as numbers and texts, from which `kernel_from` makes it again.
-
-    Raises
-    ------
-    ConfigError
-        A kernel that is not registered.
-    """
+    """Return a kernel as numbers and texts, from which `kernel_from` makes it again."""
     if isinstance(kernel, Sum):
         return {"family": "sum", "parts": [kernel_facts(part) for part in kernel.parts]}
     if type(kernel) not in KINDS.values():
@@ -239,8 +211,6 @@ def kernel_facts(kernel: Kernel) -> dict[str, Any]:
 def kernel_from(facts: Mapping[str, Any]) -> Kernel:
     """Return the kernel that `kernel_facts` described.
 
-    Examples
-    --------
     >>> kernel_from({"family": "whittle", "variance_m2": 4.0, "length_scale_m": 25.0})
     Whittle(variance_m2=4.0, length_scale_m=25.0, anisotropy=1.0, angle_deg=0.0)
     """

@@ -51,15 +51,9 @@ _N_TRIED = 6000
 class SigmaCalibration:
     """Factor on the standard deviation, by the distance to the nearest point.
 
-    Parameters
-    ----------
-    distance_m : (K,) ndarray
-        Distances to the nearest point, ascending [m].
-    scale : (K,) ndarray
-        Factor at each; constant beyond the ends, linear between.
-    held_out : mapping
-        What the points that were left out had to say: their number, their share within
-        the 95 % interval before and after.
+    `distance_m` (K,): distances to the nearest point, ascending [m]. `scale` (K,): factor at each; constant
+    beyond the ends, linear between. `held_out`: what the points that were left out had to say: their number,
+    their share within the 95 % interval before and after.
     """
 
     distance_m: FloatArray
@@ -95,17 +89,9 @@ class SigmaCalibration:
         with the prediction error e, its variance v and the point's own variance σ². The
         weight w counts errors that lie closer together than they are far from data as one.
 
-        Parameters
-        ----------
-        xy, values, noise_m2 : (N, 2), (N,) and (N,) ndarray
-            The points, and the variances of their errors.
-        predict : callable
-            Maps from some of the points.
-        gaps_m : (M,) ndarray
-            Distances from places on the map to the nearest point [m].
+        `xy`, `values`, `noise_m2` (N, 2), (N,) and (N,): the points, and the variances of their errors.
+        `gaps_m` (M,): distances from places on the map to the nearest point [m].
 
-        Notes
-        -----
         The scale never falls below 1: points stand where the rover could see, so that they
         can prove a map too bold and not too cautious. The hyperparameters were fitted to
         all points, and the test is not blind to them. Ground unlike any that was measured

@@ -39,8 +39,6 @@ from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_
 class Volume:
     """A volume and its standard deviation [m³], and the area it stands on [m²].
 
-    Examples
-    --------
     >>> later, earlier = Volume(90.0, 3.0, 10.0), Volume(100.0, 4.0, 10.0)
     >>> later.minus(earlier)
     Volume(mean_m3=-10.0, std_m3=5.0, area_m2=10.0)
@@ -53,13 +51,6 @@ class Volume:
     def minus(self, earlier: "Volume") -> "Volume":
         """Return the change since an earlier survey of the same ground, whose errors are independent.
 
-        Raises
-        ------
-        InputError
-            When the two stand on different areas.
-
-        Notes
-        -----
         Errors that both share, a common satellite prior's where neither survey went,
         cancel in reality; here they are counted twice, which is on the safe side.
         """
@@ -72,13 +63,7 @@ class Volume:
 
 
 def quadrature(polygon: Polygon | MultiPolygon, step_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return nodes (M, 2) inside a polygon and the area each stands for (M,) [m²]; the areas add up to the polygon's.
-
-    Raises
-    ------
-    InputError
-        An empty or crossing polygon, or one narrower than the step everywhere.
-    """
+    """Return nodes (M, 2) inside a polygon and the area each stands for (M,) [m²]; the areas add up to the polygon's."""
     if polygon.is_empty or not polygon.is_valid or polygon.area <= 0.0:
         raise InputError("the polygon is empty or crosses itself; give a simple one.")
     xmin, ymin, xmax, ymax = polygon.bounds
@@ -110,12 +95,7 @@ _BESIDE_MAPPING = 1.15
 class MapWatch(NamedTuple):
     """Nodes that a map will have, and a progress callback.
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes of the map.
-    progress : callable, optional
-        Progress callback.
+    `grid`: nodes of the map. `progress`: progress callback.
     """
 
     grid: Grid
@@ -124,12 +104,7 @@ class MapWatch(NamedTuple):
     def announce(self, learned: Learned, learning_s: float) -> None:
         """Log the expected time of a large map, or of one in tiles.
 
-        Parameters
-        ----------
-        learned : Learned
-            State of the model that is to be mapped.
-        learning_s : float
-            Time of learning it, what is still to be learned included [s].
+        `learning_s`: time of learning it, what is still to be learned included [s].
         """
         rows, columns = self.grid.shape
         process = learned.process

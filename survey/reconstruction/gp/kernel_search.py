@@ -247,27 +247,13 @@ likeliest is decided near the maxima alone.
 class KernelSearch:
     """Looks for the kernels of B surveys that sampled the same N places.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Places [m].
-    heights : (N, B) ndarray
-        What each survey measured there [m].
-    noise_m : float
-        Stated standard deviation of a measurement [m]; the fit may depart from it by some 20 %.
-        0 is a perfect sensor.
-    families : tuple of str
-        What to compare.
-    most : int
-        From how many of the places to learn; they are taken evenly.
+    `xy` (N, 2): places [m]. `heights` (N, B): what each survey measured there [m]. `noise_m`: stated standard
+    deviation of a measurement [m]; the fit may depart from it by some 20 %. 0 is a perfect sensor.
+    `families`: what to compare. `most`: from how many of the places to learn; they are taken evenly.
 
-    Notes
-    -----
     Isotropic families of one scale only. The lattice has four length scales per doubling and
     ratios in powers of two; no survey's result depends on which others are searched with it.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 600.0, (120, 2))
@@ -308,10 +294,7 @@ class KernelSearch:
     def plausible(self, within: float = 4.0) -> list[tuple[FoundKernel, float]]:
         """Return the kernels of the first survey that are nearly as likely as its best, with weights that sum to 1.
 
-        Parameters
-        ----------
-        within : float
-            How much less likely than the best one [nats].
+        `within`: how much less likely than the best one [nats].
         """
         self.found()
         while self._all.look(self._around(within)):
@@ -409,21 +392,10 @@ def mapped(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the maps of B surveys of the same places, surveys with the same kernel factorized once.
 
-    Parameters
-    ----------
-    xy, heights : (N, 2) and (N, B) ndarray
-        Places and measured heights [m].
-    found : list of FoundKernel
-        One for each survey.
-    nodes : (M, 2) ndarray
-        Where the terrain is wanted [m].
-
-    Returns
-    -------
-    mean : (M, B) ndarray
-        Most likely heights [m], the constant mean by generalised least squares.
-    rmse_m : (B,) ndarray
-        Root mean square of the standard deviation over every ninth node: what the map says it errs.
+    `xy`, `heights` (N, 2) and (N, B): places and measured heights [m]. `nodes` (M, 2): where the terrain is
+    wanted [m]. Returns `mean` (M, B): most likely heights [m], the constant mean by generalised least
+    squares. `rmse_m` (B,): root mean square of the standard deviation over every ninth node: what the map
+    says it errs.
     """
     mean, claimed = np.empty((len(nodes), heights.shape[1])), np.empty(heights.shape[1])
     for cell in dict.fromkeys(one.cell for one in found):

@@ -323,14 +323,10 @@ class RationalQuadratic(Stationary):
     shape : float, optional
         The exponent a, above 1.  Below that the spectrum has no finite value at frequency 0.
 
-    Notes
-    -----
     Its covariance decays as a power of the distance.  The Fourier engine makes it periodic on a box of
     limited size, which changes the longest scales when `shape` is below about 3; compare with a `Sum` of
     squared exponentials, or use the dense engine.
 
-    Examples
-    --------
     >>> RationalQuadratic(1.0, 10.0, shape=2.0).covariance_of_lag(np.array([20.0, 0.0]))
     np.float64(0.25)
     """
@@ -421,29 +417,13 @@ class SquaredExponential(Stationary):
 
     .. math::  k(h) = v \exp(-s^2 / 2), \qquad S(\omega) = 2 \pi v \, l_a l_b \exp(-q^2 / 2)
 
-    Parameters
-    ----------
-    variance_m2 : float
-        Prior variance v [m²].
-    length_scale_m : float
-        Length scale along `angle_deg` [m].
-    anisotropy : float, optional
-        Length scale along divided by length scale across; 1 is isotropic, and stays so in a fit.
-    angle_deg : float, optional
-        Direction of `length_scale_m`, counter-clockwise from east [degrees].
+    `variance_m2`: prior variance v [m²]. `length_scale_m`: length scale along `angle_deg` [m]. `anisotropy`:
+    length scale along divided by length scale across; 1 is isotropic, and stays so in a fit. `angle_deg`:
+    direction of `length_scale_m`, counter-clockwise from east [degrees].
 
-    Raises
-    ------
-    ConfigError
-        If a parameter is not a finite positive number.
-
-    Notes
-    -----
     Fields drawn from it are infinitely smooth.  Real ice is rougher below its shortest length scale: add a
     second scale (`Sum`) or take a Matérn kernel, or the standard deviation far from points is too small.
 
-    Examples
-    --------
     >>> kernel = SquaredExponential(variance_m2=10.0, length_scale_m=17.75)
     >>> kernel.covariance_of_lag(np.array([[0.0, 0.0], [17.75, 0.0]]))
     array([10.     ,  6.06530])
@@ -496,8 +476,6 @@ class Matern32(_Matern):
 
     Parameters are those of `SquaredExponential`.
 
-    Examples
-    --------
     >>> Matern32(4.0, 25.0).covariance_of_lag(np.array([0.0, 0.0]))
     np.float64(4.0)
     """
@@ -527,8 +505,6 @@ class Matern52(_Matern):
 
     Parameters are those of `SquaredExponential`.
 
-    Examples
-    --------
     >>> Matern52(4.0, 25.0).covariance_of_lag(np.array([0.0, 0.0]))
     np.float64(4.0)
     """
@@ -557,13 +533,9 @@ class Whittle(_Matern):
 
     Parameters are those of `SquaredExponential`.
 
-    Notes
-    -----
     Fields drawn from it have no derivative, but only just: heights differ by about their distance. Self-similar
     terrain of Hurst exponent near 1 looks like this over the distances of a survey.
 
-    Examples
-    --------
     >>> Whittle(4.0, 25.0).covariance_of_lag(np.array([[0.0, 0.0], [25.0, 0.0]]))
     array([4.     , 1.77737])
     """

@@ -369,13 +369,6 @@ def with_undetermined_variance(search: KernelFit, found: Hyperparameters) -> Hyp
 
     Amplitudes up to the spread of the values and length scales of 2 % to 100 % of the extent have uniform priors, the
     length scales in their logarithm.
-
-    Parameters
-    ----------
-    search : KernelFit
-        Likelihood of the points.
-    found : Hyperparameters
-        Its maximum; a kernel of several scales is returned as it is.
     """
     kernel = found.kernel
     if not isinstance(kernel, Stationary) or kernel.anisotropy != 1.0:
@@ -435,16 +428,7 @@ def likeliest(
     Half of them come in clusters of neighbours, which determine the short scales and the
     nugget; the others are spread over all, which determines the long scale.
 
-    Parameters
-    ----------
-    xy, values, noise_m2 : (N, 2), (N,) and (N,) ndarray
-        Places [m], values about their mean and noise variances.
-    config : GaussianProcessConfig
-        The family, or ``auto``; starts of the search.
-    shared : callable, optional
-        Covariance of errors that points have in common; it would pass for terrain.
-    candidates : tuple of str
-        The families that ``auto`` chooses from.
+    `xy`, `values`, `noise_m2` (N, 2), (N,) and (N,): places [m], values about their mean and noise variances.
     """
     search = KernelFit.of_few(xy, values, noise_m2, config.nugget_m, shared)
     fitted = [search.fit(family, config) for family in _families(config, candidates)]
@@ -466,13 +450,6 @@ def with_landforms(
     the mean within a few metres. Kernels are compared on 320 points, and the best three fitted to 640. The score counts
     correlated points by their effective number. Points along one line, such as a single swath, do not determine a length
     across it: kernels that are fitted to them are isotropic.
-
-    Parameters
-    ----------
-    xy, values, noise_m2, config, shared
-        As in `likeliest`.
-    candidates : tuple of str
-        The families of several scales that ``auto`` compares.
     """
     few = comparison(xy, values, noise_m2, config, shared)
     more = comparison(xy, values, noise_m2, config, shared, n_most=N_SEARCHED)
@@ -494,15 +471,7 @@ def comparison(
     *,
     n_most: int = _N_FIRST,
 ) -> KernelFit:
-    """Return the likelihood of kernels with a landform scale, on 320 points by default.
-
-    Parameters
-    ----------
-    xy, values, noise_m2, config, shared
-        As in `likeliest`.
-    n_most : int
-        Largest number of points.
-    """
+    """Return the likelihood of kernels with a landform scale, on 320 points by default."""
     return KernelFit.of_few(
         xy, values, noise_m2, config.nugget_m, shared, n_most=n_most, landform_share=_LANDFORM_SHARE
     )

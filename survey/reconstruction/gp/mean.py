@@ -276,20 +276,11 @@ def prior_error_kernel(cell_m: float, sigma_m: float) -> Kernel:
 
     with the cell's width c; l is the standard deviation of the spline.
 
-    Parameters
-    ----------
-    cell_m : float
-        Width of a cell [m].
-    sigma_m : float
-        Standard deviation of a cell's noise [m].
+    `cell_m`: width of a cell [m]. `sigma_m`: standard deviation of a cell's noise [m].
 
-    Notes
-    -----
     The relief within a cell, which its mean hides, is not in it: the kernel that is
     fitted to the points about the prior has it.
 
-    Examples
-    --------
     >>> prior_error_kernel(75.0, 1.5).variance_m2
     1.0
     """
@@ -309,12 +300,8 @@ _LEAST_CELLS = 6
 class EstimatedPrior(NamedTuple):
     """A prior less its estimated errors, and the record of these.
 
-    Parameters
-    ----------
-    dem : Dem
-        The corrected prior.
-    facts : dict
-        Estimated errors with their standard deviations, and conflicts of prior and points.
+    `dem`: the corrected prior. `facts`: estimated errors with their standard deviations, and conflicts of
+    prior and points.
     """
 
     dem: Dem
@@ -327,22 +314,6 @@ def estimated_prior(prior: Dem, points: SurfacePoints, errors: PriorErrors) -> E
     In each cell of the prior the mean difference between prior and points is one measurement of its error. Cells without
     points are corrected by what all cells have in common.
 
-    Parameters
-    ----------
-    prior : Dem
-        Coarse elevations, in the points' CRS.
-    points : SurfacePoints
-        Measured points; those beyond the prior are left out.
-    errors : PriorErrors
-        Error model of the prior.
-
-    Returns
-    -------
-    EstimatedPrior
-        The corrected prior; the same one where fewer than six of its cells hold points.
-
-    Notes
-    -----
     Offset, tilt and shift are taken as constant over the points; a prior of many tiles has one for each.
     """
     mean = DemMean(prior)

@@ -36,13 +36,7 @@ class TerrainState(NamedTuple):
 
 
 def write_model(path: str | Path, model: TerrainState) -> None:
-    """Write a fitted model; equal models give equal bytes.
-
-    Raises
-    ------
-    InputError
-        For a mean that is a function, or when the file cannot be written.
-    """
+    """Write a fitted model; equal models give equal bytes."""
     known = model.learned
     arrays: dict[str, Any] = {
         "xy": known.process.data.xy,
@@ -89,13 +83,7 @@ def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, 
 
 
 def read_model(path: str | Path) -> TerrainState:
-    """Read what `write_model` wrote, and condition on its points again.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged or no terrain model.
-    """
+    """Read what `write_model` wrote, and condition on its points again."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
         facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))

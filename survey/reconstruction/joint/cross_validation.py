@@ -49,13 +49,6 @@ def swaths_of(points: SurfacePoints) -> Swaths:
     Points are ordered by their keyframes. A swath is a run without a turn; runs that hold more than three
     tenths of all points, or more than 1,000, are cut into equal parts.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Points that name their keyframes and headings.
-
-    Examples
-    --------
     >>> heading = np.repeat([0.0, 1.57, 3.14], [40, 2, 40])
     >>> line = SurfacePoints(
     ...     np.zeros((82, 3)), covariance=np.tile(np.eye(3), (82, 1, 1)), own_covariance=np.tile(np.eye(3), (82, 1, 1)),
@@ -84,15 +77,8 @@ def swaths_of(points: SurfacePoints) -> Swaths:
 def groups_of(xy: FloatArray, most: int) -> list[IntArray]:
     """Return the rows of groups of neighbours, by halving the points along their longer extent.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Places [m].
-    most : int
-        Largest number of points in a group.
+    `xy` (N, 2): places [m].
 
-    Examples
-    --------
     >>> [rows.tolist() for rows in groups_of(np.array([[0.0, 0.0], [9.0, 0.0], [1.0, 0.0], [8.0, 0.0]]), 2)]
     [[0, 2], [3, 1]]
     """
@@ -145,35 +131,13 @@ class _Block(NamedTuple):
 
 
 def check_by_swaths(solution: JointSolution) -> PredictiveCheck | None:
-    """Test the joint estimate by leaving out one swath at a time; None where the drive has fewer than two.
-
-    Parameters
-    ----------
-    solution : JointSolution
-        Estimate from all points.
-
-    Returns
-    -------
-    PredictiveCheck or None
-        Of about 2,000 points at most.
-    """
+    """Test the joint estimate by leaving out one swath at a time; None where the drive has fewer than two."""
     held_out = held_out_swaths(solution)
     return None if held_out is None else PredictiveCheck.of(held_out)
 
 
 def held_out_swaths(solution: JointSolution) -> HeldOut | None:
-    """Predict swaths that are left out one at a time; None where the drive has fewer than two.
-
-    Parameters
-    ----------
-    solution : JointSolution
-        Estimate from all points.
-
-    Returns
-    -------
-    HeldOut or None
-        Errors and their claimed covariance, averaged over kernels as the map is.
-    """
+    """Predict swaths that are left out one at a time; None where the drive has fewer than two."""
     if solution.average is not None:
         return solution.average.held_out
     swaths = swaths_of(solution.points)
@@ -266,19 +230,7 @@ def _distance_to_others(xy: FloatArray, rows: IntArray) -> FloatArray:
 
 
 def checked_map(solution: JointSolution, grid: Grid, area: SurveyArea | None, *, is_tested: bool) -> JointMap:
-    """Return the map on a grid, its standard deviation widened where swaths that were left out contradict it.
-
-    Parameters
-    ----------
-    solution : JointSolution
-        Estimate of map and path.
-    grid : Grid
-        Nodes of the map.
-    area : SurveyArea, optional
-        Ground of which the error is claimed; the grid by default.
-    is_tested : bool
-        Whether to leave swaths out.
-    """
+    """Return the map on a grid, its standard deviation widened where swaths that were left out contradict it."""
     mapped = solution.on(grid)
     check = check_by_swaths(solution) if is_tested else None
     result = mapped.reconstruction if check is None else _widened(mapped.reconstruction, check, solution)

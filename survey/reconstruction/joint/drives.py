@@ -97,16 +97,10 @@ _COLUMNS = (
 class SeveralDrives(NamedTuple):
     """Landmarks of all drives, and the error that they share through their paths.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Landmarks of all drives; their keyframes are counted through.
-    path : PathError or None
-        Errors of all paths, without correlation between drives; None where one is unknown.
-    time_s : list of (K,) ndarray
-        Times of the keyframes of each drive [s].
-    shift : (K, 3) ndarray, optional
-        Errors of the keyframes of all drives [m] by which the landmarks were moved already.
+    `points`: landmarks of all drives; their keyframes are counted through. `path`: errors of all paths,
+    without correlation between drives; None where one is unknown. `time_s`: times of the keyframes of each
+    drive [s]. `shift` (K, 3): errors of the keyframes of all drives [m] by which the landmarks were moved
+    already.
     """
 
     points: SurfacePoints
@@ -118,23 +112,6 @@ class SeveralDrives(NamedTuple):
     def of(cls, drives: Sequence[tuple[SurfacePoints, PathError | None]]) -> "SeveralDrives":
         """Join the landmarks and the path errors of drives over the same ground.
 
-        Parameters
-        ----------
-        drives : sequence of (SurfacePoints, PathError or None)
-            At least one; the landmarks of a drive name the keyframes of its path.
-
-        Returns
-        -------
-        SeveralDrives
-            Input of `survey.reconstruction.policy.map_landmarks`.
-
-        Raises
-        ------
-        InputError
-            Drives in different CRS, above different datums, or with different columns.
-
-        Notes
-        -----
         Errors of different drives count as independent. Receivers under the same sky, or barometers in the same
         weather, share a part of theirs; where that part is large, give each drive the corrections of a base
         station.
@@ -150,18 +127,7 @@ class SeveralDrives(NamedTuple):
         return cls(points, path, [error.time_s for error in errors])
 
     def corrections(self, correction: PathCorrection) -> list[PathCorrection]:
-        """Split the correction of all paths into that of each drive.
-
-        Parameters
-        ----------
-        correction : PathCorrection
-            Of a joint map of these landmarks.
-
-        Returns
-        -------
-        list of PathCorrection
-            In the order of the drives, with their own times.
-        """
+        """Split the correction of all paths into that of each drive."""
         shift = correction.shift if self.shift is None else correction.shift + self.shift
         ends = np.cumsum([len(times) for times in self.time_s])
         parts = [slice(end - len(times), end) for end, times in zip(ends, self.time_s, strict=True)]

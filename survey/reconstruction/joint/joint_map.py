@@ -70,19 +70,11 @@ class JointTerrain:
     cells are measurements of means of f, with errors of their own. Terrain, path and errors of the cells are estimated
     in one solve.
 
-    Parameters
-    ----------
-    path : PathError
-        Posterior of the path from all other sensors, or of the paths of several rovers (`PathError.joined`).
-    satellite : Dem, optional
-        Coarse elevations in any grid and CRS, used as measurements and in no other way.
-    config : GaussianProcessConfig
-        Hyperparameters, or how they are found; the mean is a plane.
-    joint : JointConfig
-        Errors of the satellite, rank, passes.
+    `path`: posterior of the path from all other sensors, or of the paths of several rovers
+    (`PathError.joined`). `satellite`: coarse elevations in any grid and CRS, used as measurements and in no
+    other way. `config`: hyperparameters, or how they are found; the mean is a plane. `joint`: errors of the
+    satellite, rank, passes.
 
-    Notes
-    -----
     Linear in the path's error. Relief that the path's horizontal error displaces counts as relief finer than the map
     (`PlaceError`), and such relief is noise that neighbours share (`with_shared_relief`). Beyond the path, landmarks share
     the errors of `LandmarkErrors`.
@@ -94,23 +86,7 @@ class JointTerrain:
     joint: JointConfig = field(default_factory=JointConfig)
 
     def map(self, points: SurfacePoints, grid: Grid, area: SurveyArea | None = None) -> JointMap:
-        """Estimate the terrain on a grid, and the path; test the standard deviation unless hyperparameters are stated.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Landmarks that name their keyframes.
-        grid : Grid
-            Nodes of the map.
-        area : SurveyArea, optional
-            Ground of which the error is claimed; the grid by default.
-
-        Raises
-        ------
-        InputError
-            Points that name no keyframe, or those of another path; a satellite model
-            elsewhere or above another datum.
-        """
+        """Estimate the terrain on a grid, and the path; test the standard deviation unless hyperparameters are stated."""
         same_crs(points.crs, grid.crs, "the points and the grid")
         wanted = self.config.fit if self.config.calibrate is None else self.config.calibrate
         return checked_map(self.solved(points, grid.bounds), grid, area, is_tested=wanted)

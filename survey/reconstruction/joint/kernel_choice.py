@@ -63,16 +63,8 @@ _LOOSE_SLOPE = 1.0
 class PlaneResiduals:
     """Heights of landmarks about the plane of least squares, with their own and their shared errors.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Landmarks.
-    path : PathError
-        Errors of the path that they were seen from.
-    landmarks : LandmarkErrors
-        Further errors that they share.
-    config : GaussianProcessConfig
-        Hyperparameters, or how they are found.
+    `points`: landmarks. `path`: errors of the path that they were seen from. `landmarks`: further errors that
+    they share. `config`: hyperparameters, or how they are found.
     """
 
     points: SurfacePoints
@@ -159,14 +151,6 @@ def lengths_of(search: KernelFit, found: Hyperparameters) -> list[Hyperparameter
 
     The length has the prior density :math:`\ell^{-2} e^{-\lambda / \ell}` of Fuglstad et al. (J. Am. Stat. Assoc. 114,
     2019), with 5 % below 8 % of the extent of the points; the logarithm of the variance is uniform.
-
-    Parameters
-    ----------
-    search : KernelFit
-        Likelihood of the points.
-    found : Hyperparameters
-        Its maximum, with the longest scale as its first part; returned alone where its length is determined within a
-        quarter, and where its kernel has another form.
     """
     longest, *others = parts_of(found.kernel)
     if not isinstance(longest, Stationary):
@@ -247,20 +231,10 @@ _FREE_LEVEL, _LEAST_LEVEL = 10.0, 0.005
 class PointsOnly:
     """Points with the kernels that were fitted to them; the maps from points alone are computed once.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Landmarks.
-    bounds : (xmin, ymin, xmax, ymax)
-        Extent of the map [m].
-    slope : (N, 2) ndarray
-        Slope of the plane through the points at each of them.
-    candidates : list of Hyperparameters
-        Fits to the points, the best first.
-    terrain : callable
-        Returns the terrain with a kernel, from the points alone.
-    lengths : callable
-        Returns kernels of equally probable lengths of landforms for one of the fits.
+    `points`: landmarks. `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]. `slope` (N, 2): slope of
+    the plane through the points at each of them. `candidates`: fits to the points, the best first. `terrain`:
+    returns the terrain with a kernel, from the points alone. `lengths`: returns kernels of equally probable
+    lengths of landforms for one of the fits.
     """
 
     points: SurfacePoints
@@ -277,15 +251,6 @@ def probable(
     """Return the kernels that points and cells leave probable, and their probabilities (K,).
 
     Each of the likeliest fits stands for kernels of several lengths of landforms.
-
-    Parameters
-    ----------
-    alone : PointsOnly
-        Fits to the points.
-    found : Hyperparameters
-        The fit that the map is made with.
-    cells : SatelliteCells, optional
-        Cells of the prior, with the sizes of their errors.
     """
     least = alone.candidates[0].score - _PROBABLE_NATS
     fits = [one for one in alone.candidates if one is found or one.score >= least]
@@ -322,17 +287,7 @@ class ChosenKernel(NamedTuple):
 
 
 def chosen(alone: PointsOnly, cells: SatelliteCells, errors: PriorErrors) -> ChosenKernel:
-    """Return the kernel of the best score of points and cells.
-
-    Parameters
-    ----------
-    alone : PointsOnly
-        Fits to the points.
-    cells : SatelliteCells
-        Cells of the prior, without the sizes of their errors.
-    errors : PriorErrors
-        Error model of the prior.
-    """
+    """Return the kernel of the best score of points and cells."""
     least = alone.candidates[0].score - _WITHIN_NATS
     compared = [one for one in alone.candidates if one.score >= least]
     return max((_judged(found, cells, errors, alone) for found in compared), key=lambda one: one.score)

@@ -39,24 +39,10 @@ from survey.reconstruction.joint.shared_errors import LandmarkErrors, SharedErro
 class TerrainPosterior:
     """Gaussian posterior of heights, as waves and a plane.
 
-    Parameters
-    ----------
-    weights : WeightPosterior
-        Covariance of the whitened weights of m waves.
-    mean : (m,) ndarray
-        Their estimate.
-    trend : PolynomialTrend
-        Plane below the waves.
-    plane : (3,) ndarray
-        Estimate of its coefficients [m].
-    plane_covariance : (3, 3) ndarray
-        Their covariance [m²].
-    cross : (m, 3) ndarray
-        Covariance of the weights with them [m].
-    datum_m : float
-        Height that heights are counted from [m].
-    finer_m2 : float
-        Variance of the relief that the waves leave out [m²].
+    `weights`: covariance of the whitened weights of m waves. `mean` (m,): their estimate. `trend`: plane
+    below the waves. `plane` (3,): estimate of its coefficients [m]. `plane_covariance` (3, 3): their
+    covariance [m²]. `cross` (m, 3): covariance of the weights with them [m]. `datum_m`: height that heights
+    are counted from [m]. `finer_m2`: variance of the relief that the waves leave out [m²].
     """
 
     weights: WeightPosterior
@@ -244,16 +230,8 @@ class JointPosterior:
     ) -> TerrainPosterior:
         """Return the posterior of the terrain, without the unknowns of the path.
 
-        Parameters
-        ----------
-        trend : PolynomialTrend
-            Plane below the waves.
-        first : int
-            Index of its first coefficient among the shared unknowns.
-        datum_m : float
-            Height that heights are counted from [m].
-        finer_m2 : float
-            Variance of the relief that the waves leave out [m²].
+        `datum_m`: height that heights are counted from [m]. `finer_m2`: variance of the relief that the waves
+        leave out [m²].
         """
         rows = unit_rows(first, trend.n_columns, len(self.shared))
         plane = self.shared[first : first + trend.n_columns]

@@ -25,14 +25,8 @@ _NONE_ESTIMATED = ErrorSizes(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 class CommonError(NamedTuple):
     """An error that all cells have in common, linear in one unknown.
 
-    Parameters
-    ----------
-    name : str
-        Name of the unknown, with its unit.
-    rows : (C,) ndarray
-        Error of each cell for an unknown of 1 [m per unit].
-    sigma : float
-        Prior standard deviation of the unknown.
+    `name`: name of the unknown, with its unit. `rows` (C,): error of each cell for an unknown of 1 [m per
+    unit]. `sigma`: prior standard deviation of the unknown.
     """
 
     name: str
@@ -58,18 +52,9 @@ class SatelliteCells:
     A cell is no point: read at its centre it flattens crests and fills hollows. The unknowns β are offsets of datum and
     epoch, a tilt, and a horizontal shift, which acts through the slope of the cells themselves.
 
-    Parameters
-    ----------
-    centre : (C, 2) ndarray
-        Easting and northing in the survey's CRS [m].
-    sides : (C, 2, 2) ndarray
-        The two sides of each cell, as vectors [m].
-    height : (C,) ndarray
-        Mean heights [m].
-    common : tuple of CommonError
-        Errors that all cells have in common.
-    sizes : ErrorSizes
-        Sizes of the errors that make up R.
+    `centre` (C, 2): easting and northing in the survey's CRS [m]. `sides` (C, 2, 2): the two sides of each
+    cell, as vectors [m]. `height` (C,): mean heights [m]. `common`: errors that all cells have in common.
+    `sizes`: sizes of the errors that make up R.
     """
 
     centre: FloatArray
@@ -80,13 +65,7 @@ class SatelliteCells:
 
     @classmethod
     def of(cls, dem: Dem, crs: CRS, bounds: Bounds, errors: PriorErrors) -> Self:
-        """Take the cells of a coarse model, in its own grid and CRS, that meet the site.
-
-        Raises
-        ------
-        InputError
-            None does, the model has no CRS, or more than 4,000 do.
-        """
+        """Take the cells of a coarse model, in its own grid and CRS, that meet the site."""
         column, row = np.meshgrid(np.arange(dem.shape[1]) + 0.5, np.arange(dem.shape[0]) + 0.5)
         here = _placed(dem, crs, column.ravel(), row.ravel())
         half = 0.5 * np.eye(2)
@@ -146,10 +125,7 @@ class SatelliteCells:
     def innovations(self, expected: FloatArray, covariance: FloatArray) -> Innovations:
         """Return the cells less the means that points alone state, with the covariance of all but their own errors.
 
-        Parameters
-        ----------
-        expected, covariance : (C,) and (C, C) ndarray
-            Means [m] and their covariance [m²].
+        `expected`, `covariance` (C,) and (C, C): means [m] and their covariance [m²].
         """
         others = [one.rows * one.sigma for one in self.common if not one.is_offset]
         common = np.column_stack([np.zeros((len(self), 0)), *others])
@@ -159,10 +135,7 @@ class SatelliteCells:
     def misfits(self, expected: FloatArray, covariance: FloatArray) -> Innovations:
         """Return the innovations with the covariance of all errors but the offset, the cells' own included.
 
-        Parameters
-        ----------
-        expected, covariance : (C,) and (C, C) ndarray
-            Means that points alone state [m] and their covariance [m²].
+        `expected`, `covariance` (C,) and (C, C): means that points alone state [m] and their covariance [m²].
         """
         innovations = self.innovations(expected, covariance)
         return innovations._replace(covariance=innovations.covariance + self.covariance)

@@ -218,12 +218,8 @@ _MOST_PLACES = 49
 class PlaceError:
     """Horizontal error that points share with the path.
 
-    Parameters
-    ----------
-    covariance_m2 : (2, 2) ndarray
-        Covariance of easting and northing [m²].
-    area_m2 : float
-        Area of the rectangle around the points [m²].
+    `covariance_m2` (2, 2): covariance of easting and northing [m²]. `area_m2`: area of the rectangle around
+    the points [m²].
     """
 
     covariance_m2: FloatArray
@@ -252,13 +248,8 @@ class PlaceError:
 
         Waves whose slopes count keep all of it: the linear model has their error.
 
-        Parameters
-        ----------
-        omega : (..., 2) ndarray
-            Angular frequencies [rad/m].
+        `omega` (..., 2): angular frequencies [rad/m].
 
-        Examples
-        --------
         >>> metre = PlaceError(np.eye(2), 1e4)
         >>> metre.retained(np.array([[0.05, 0.0], [1.0, 0.0], [3.0, 0.0]])).round(3)
         array([1.   , 0.368, 0.   ])
@@ -292,24 +283,10 @@ def with_shared_relief(
     give the same, and the same weights among them; points apart from each other keep ``d + t(0)``,
     which is the least anywhere. The sum is a convolution on a grid.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Places [m].
-    noise_m2 : (N,) ndarray
-        The points' own variances, positive [m²].
-    kernel : Kernel
-        Of the terrain.
-    basis : FourierBasis
-        The retained waves: those of a spectral density above some limit.
-    tail_m2 : float
-        Variance of the others [m²], and of what the retained waves leave out.
-    retained : callable, optional
-        Returns the share of the variance of waves of angular frequencies (..., 2) [rad/m] that the map has; all by
-        default.
+    `xy` (N, 2): places [m]. `noise_m2` (N,): the points' own variances, positive [m²]. `tail_m2`: variance of
+    the others [m²], and of what the retained waves leave out. `retained`: returns the share of the variance
+    of waves of angular frequencies (..., 2) [rad/m] that the map has; all by default.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.engines.fourier_basis import FourierBox
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> box = FourierBox.around((0.0, 0.0, 100.0, 100.0), 20.0)

@@ -41,15 +41,6 @@ def mixture(
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of a mixture of two normal distributions.
 
-    Parameters
-    ----------
-    first, second : tuple of ndarray
-        Means and standard deviations of both.
-    share : float
-        Probability of the second.
-
-    Examples
-    --------
     >>> one, other = (np.zeros(1), np.ones(1)), (np.full(1, 2.0), np.ones(1))
     >>> [values.round(3).tolist() for values in mixture(one, other, 0.5)]
     [[1.0], [1.414]]
@@ -63,16 +54,9 @@ def mixture(
 class MapAverage:
     """Maps with several kernels, to correct the map with one of them for what is not known of the kernel.
 
-    Parameters
-    ----------
-    reference : MapFields
-        Coarse map with the kernel of the map that is corrected.
-    others : tuple of MapFields
-        Coarse maps with all kernels.
-    weights : (K,) ndarray
-        Their probabilities.
-    held_out : HeldOut, optional
-        Swaths that the average predicts without their points; None where the drive has fewer than two.
+    `reference`: coarse map with the kernel of the map that is corrected. `others`: coarse maps with all
+    kernels. `weights` (K,): their probabilities. `held_out`: swaths that the average predicts without their
+    points; None where the drive has fewer than two.
     """
 
     reference: MapFields
@@ -85,12 +69,7 @@ class MapAverage:
 
         The variance is the mean of the variances and the variance of the means.
 
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the map.
-        mean, std : (H, W) ndarray
-            Height and standard deviation with the kernel of the reference [m].
+        `mean`, `std` (H, W): height and standard deviation with the kernel of the reference [m].
         """
         before, claimed = self.reference.fields(grid)
         every = [one.fields(grid) for one in self.others]

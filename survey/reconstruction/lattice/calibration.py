@@ -68,19 +68,9 @@ def calibrated(
     over one point per cell of two steps, so that every place counts alike: with the
     prediction error e, its variance v and the point's own variance σ².
 
-    Parameters
-    ----------
-    points : (N, 4) ndarray
-        Easting, northing, height [m], and weight.
-    noise_m2 : (N,) ndarray
-        Variances of the points' errors [m²].
-    step_m : float
-        Distance between the nodes [m].
-    predict : callable
-        Maps from some of the points.
+    `points` (N, 4): easting, northing, height [m], and weight. `noise_m2` (N,): variances of the points'
+    errors [m²]. `step_m`: distance between the nodes [m].
 
-    Notes
-    -----
     The surface's factor never falls below 1: points stand where the sensor could see, so that
     they can prove a map too bold and not too cautious.
     """
@@ -91,12 +81,8 @@ def calibrated(
 def likeliest_factors(error: FloatArray, variance: FloatArray, noise: FloatArray) -> LatticeCalibration:
     """Return the factors of `calibrated` by predictions; both are 1 with fewer than 40 of them.
 
-    Parameters
-    ----------
-    error : (N,) ndarray
-        Prediction errors [m].
-    variance, noise : (N,) ndarray
-        Variances of the surface and of the measurements [m²].
+    `error` (N,): prediction errors [m]. `variance`, `noise` (N,): variances of the surface and of the
+    measurements [m²].
     """
     if len(error) < _N_LEAST:
         return LatticeCalibration()
@@ -194,16 +180,9 @@ class BoundFactors(NamedTuple):
 class Scenes(NamedTuple):
     """Measured points, and from where.
 
-    Parameters
-    ----------
-    points : (N, 7) ndarray
-        Easting, northing, height above the datum [m], weight [1/m²], and the sensor's place [m].
-    window : NodeWindow
-        Nodes that cover them.
-    surface : (H, W) ndarray
-        Heights of the map of all points [m].
-    measured : (H, W) ndarray of bool
-        On which nodes points hang.
+    `points` (N, 7): easting, northing, height above the datum [m], weight [1/m²], and the sensor's place [m].
+    `window`: nodes that cover them. `surface` (H, W): heights of the map of all points [m]. `measured` (H, W)
+    bool: on which nodes points hang.
     """
 
     points: FloatArray

@@ -59,15 +59,9 @@ class FieldLattice(LatticeModel):
     matrix Q₀ (`Stiffness`), the best plane p and the factor s on the points' errors. Stiffness κ,
     range ρ and s are found by their likelihood at the 1st, 2nd, 4th, 8th … scan.
 
-    Parameters
-    ----------
-    config : FieldLatticeConfig
-        The lattice, what to learn, and how the map moves.
-    bounds : (xmin, ymin, xmax, ymax), optional
-        The map's extent [m], where it is to be fixed; points beyond it are left out.
+    `config`: the lattice, what to learn, and how the map moves. `bounds` (xmin, ymin, xmax, ymax): the map's
+    extent [m], where it is to be fixed; points beyond it are left out.
 
-    Notes
-    -----
     A point's own x-y error is not carried into the height; state it in the point's standard
     deviation where the ground is steep. The prior is equally stiff everywhere, unless
     ``edge_preserving`` softens it at sharp bends; then the order of the scans matters a
@@ -78,8 +72,6 @@ class FieldLattice(LatticeModel):
     are as wide as ground hidden from imagined sensors asked for (`hidden_ground`), the upper one cut
     at the ceiling. Where nothing was seen for many metres (`UNSEEN`) they say little.
 
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 8.0, (900, 2))
     >>> xyz = np.column_stack([xy, 0.2 * xy[:, 0] + 0.02 * rng.standard_normal(900)])
@@ -108,13 +100,7 @@ class FieldLattice(LatticeModel):
     _bounds: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Discard the present map and fit the points.
-
-        Raises
-        ------
-        InputError
-            No origins though the map is to follow the sensor, or more nodes than memory.
-        """
+        """Discard the present map and fit the points."""
         window = self._window(points, None)
         self.here = LatticeFrame(window, local_datum_m(points.z), points.crs, points.vertical_datum)
         self.stiffness_ = self._given() or _INITIAL_STIFFNESS
@@ -125,13 +111,7 @@ class FieldLattice(LatticeModel):
         return self._add_scan(points)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Add a scan in place, and solve again, starting from the last solution.
-
-        Raises
-        ------
-        InputError
-            Another CRS, no origins though the map is to follow the sensor, or more nodes than memory.
-        """
+        """Add a scan in place, and solve again, starting from the last solution."""
         if self.here is None:
             return self.fit(points)
         same_crs(self.here.crs, points.crs, "the map and the scan")
@@ -146,8 +126,6 @@ class FieldLattice(LatticeModel):
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw n surfaces (n, H, W) [m] that agree with the points; NaN beyond the lattice.
 
-        Notes
-        -----
         Their spread is the posterior's before calibration. On large maps the measurement
         errors are mixtures of the map's ``n_draws`` draws.
         """
@@ -450,13 +428,7 @@ def write_field(path: str | Path, model: FieldState) -> None:
 
 
 def read_field(path: str | Path) -> FieldState:
-    """Read what `write_field` wrote.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged or no field lattice.
-    """
+    """Read what `write_field` wrote."""
     facts, arrays = read_arrays(path, _FORMAT)
     config = validated(FieldLatticeConfig, facts["config"], "the field lattice's settings")
     window = NodeWindow(*facts["window"])

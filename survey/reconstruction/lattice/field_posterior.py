@@ -53,18 +53,10 @@ class Information:
 
     .. math::  S = \sum_i h_i h_i^T / \sigma_i^2, \qquad b = \sum_i h_i z_i / \sigma_i^2
 
-    Parameters
-    ----------
-    stencil : (5, H, W) ndarray
-        S as each node's own weight and its couplings east, north, north-east, north-west.
-    rhs : (H, W) ndarray
-        b, of heights above the local datum.
-    draws : (H, W, K) ndarray of float32
-        K sums of measurement errors drawn at random; their covariance is S.
-    moments : (3, 4) ndarray
-        Σ w t tᵀ and Σ w t z with t = (1, u, v): what the best plane is made of.
-    n_points : int
-        How many points are in it.
+    `stencil` (5, H, W): S as each node's own weight and its couplings east, north, north-east, north-west.
+    `rhs` (H, W): b, of heights above the local datum. `draws` (H, W, K): K sums of measurement errors drawn
+    at random; their covariance is S. `moments` (3, 4): Σ w t tᵀ and Σ w t z with t = (1, u, v): what the best
+    plane is made of. `n_points`: how many points are in it.
     """
 
     stencil: FloatArray
@@ -190,14 +182,8 @@ class Stiffness(NamedTuple):
 class LatticeLikelihood:
     """The likelihood of points on a small lattice, as a function of stiffness and range.
 
-    Parameters
-    ----------
-    points : (N, 4) ndarray
-        Lattice coordinates, height [m] and weight [1/m²].
-    shape : (2,) tuple of int
-        Rows and columns of the lattice.
-    step_m : float
-        Distance between its nodes [m].
+    `points` (N, 4): lattice coordinates, height [m] and weight [1/m²]. `shape` (2,) int: rows and columns of
+    the lattice. `step_m`: distance between its nodes [m].
     """
 
     def __init__(self, points: FloatArray, shape: tuple[int, int], step_m: float) -> None:
@@ -260,14 +246,8 @@ class _Joint:
 def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
     """Return the likeliest stiffness, range and noise factor; None when the points are too few.
 
-    Parameters
-    ----------
-    points : (N, 4) ndarray
-        Easting and northing [m], height above a local datum [m], weight 1/σ² [1/m²].
-    step_m : float
-        Distance between the lattice's nodes [m].
-    start : Stiffness, optional
-        What was likeliest before; near it the search is short.
+    `points` (N, 4): easting and northing [m], height above a local datum [m], weight 1/σ² [1/m²]. `step_m`:
+    distance between the lattice's nodes [m].
     """
     patches = [LatticeLikelihood(*patch, step_m) for patch in _fullest(points, step_m)]
     return likeliest_of(patches, [step_m * n for n in _RANGES_IN_STEPS], start) if patches else None
@@ -278,14 +258,7 @@ def likeliest_of(
 ) -> Stiffness:
     """Return the stiffness, range and noise factor that are likeliest on all patches.
 
-    Parameters
-    ----------
-    patches : sequence of LatticeLikelihood
-        Patches of 32 × 32 nodes.
-    ranges : sequence of float
-        Ranges to try [m].
-    start : Stiffness, optional
-        What was likeliest before; near it the search is short.
+    `ranges`: ranges to try [m].
     """
     joint = _Joint(patches)
     if start is None:
@@ -369,14 +342,8 @@ class Part(NamedTuple):
 class FieldPosterior:
     """Heights of the nodes given the points.
 
-    Parameters
-    ----------
-    information : Information
-        The sums over the points.
-    z : (H, W) ndarray
-        Heights above the datum [m]; NaN where no solution has reached yet.
-    soft : (3, H, W) ndarray or None
-        Factors on the curvatures, where sharp bends were found.
+    `information`: the sums over the points. `z` (H, W): heights above the datum [m]; NaN where no solution
+    has reached yet. `soft` (3, H, W): factors on the curvatures, where sharp bends were found.
     """
 
     information: Information
@@ -435,13 +402,7 @@ class FieldPosterior:
         return n_iterations
 
     def std(self, window: NodeWindow, stiffness: Stiffness) -> FloatArray:
-        """Return the standard deviation (H, W) [m]: exact on small maps, from draws on large ones.
-
-        Raises
-        ------
-        InputError
-            When the map is large and was to keep no draws.
-        """
+        """Return the standard deviation (H, W) [m]: exact on small maps, from draws on large ones."""
         operator = self._operator(self._whole(), self.information.stencil, window.step_m, stiffness)
         if is_small(operator.shape):
             variance = exact_variance(operator)

@@ -218,14 +218,9 @@ RimCounts = tuple[int, int, int, int]
 class Operator(NamedTuple):
     """The matrix A of a lattice's energy.
 
-    Parameters
-    ----------
-    stencil : (5, H, W) or (1, H, W) ndarray
-        What the data hold [1/m²]: couplings of nine neighbours, or of single nodes.
-    weights : tuple of float
-        Of thin plate, springs between neighbours, and height itself [1/m²].
-    soft : (3, H, W) ndarray
-        Factors on the curvatures east, north and twist; empty when all are 1.
+    `stencil` (5, H, W) or (1, H, W): what the data hold [1/m²]: couplings of nine neighbours, or of single
+    nodes. `weights`: of thin plate, springs between neighbours, and height itself [1/m²]. `soft` (3, H, W):
+    factors on the curvatures east, north and twist; empty when all are 1.
     """
 
     stencil: FloatArray

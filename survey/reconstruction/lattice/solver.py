@@ -50,12 +50,7 @@ FREE = Rim()
 class VCyclePreconditioner:
     """One V-cycle as an approximate inverse, symmetric and positive definite.
 
-    Parameters
-    ----------
-    operator : Operator
-        The finest level.
-    rim : Rim
-        What is held fixed.
+    `operator`: the finest level. `rim`: what is held fixed.
     """
 
     def __init__(self, operator: Operator, rim: Rim = FREE) -> None:
@@ -88,34 +83,8 @@ def solve(
 ) -> Solution:
     r"""Solve ``A z = rhs`` by preconditioned conjugate gradients.
 
-    Parameters
-    ----------
-    operator : Operator
-        The matrix A.
-    rhs, start : (H, W) ndarray
-        Right-hand side, and where to begin.
-    tolerance : float
-        The iteration ends when no node is farther from the solution than this many of its
-        own posterior standard deviations: for any vector e,
-        :math:`|e_i| \le \sqrt{(A^{-1})_{ii}} \, \|e\|_A`, and :math:`\|e\|_A` is measured by the
-        preconditioned residual, which is exact as far as the V-cycle is the inverse.
-    preconditioner : Preconditioner, optional
-        Where one is at hand; its rim keeps the heights of `start`.
-    max_iterations : int
-        When to give up.
+    `rhs`, `start` (H, W): right-hand side, and where to begin.
 
-    Returns
-    -------
-    Solution
-        Heights and number of iterations.
-
-    Raises
-    ------
-    ValueError
-        When the three do not lie on one lattice.
-
-    Examples
-    --------
     >>> data = np.zeros((1, 5, 5))
     >>> data[0, 2, 2] = 1.0
     >>> springs = Operator(data, (0.0, 1.0, 0.0))
@@ -140,14 +109,8 @@ _ROUGHLY = 5.0
 class Ceiling(NamedTuple):
     """What a surface is not to rise above.
 
-    Parameters
-    ----------
-    height : (H, W) ndarray
-        c; infinite where there is none [m].
-    spring : float
-        ρ: how hard it is, its inverse variance in units of A [1/m²].
-    yield_m : float
-        v₀: the stretch beyond which a spring pulls no harder [m].
+    `height` (H, W): c; infinite where there is none [m]. `spring`: ρ: how hard it is, its inverse variance in
+    units of A [1/m²]. `yield_m`: v₀: the stretch beyond which a spring pulls no harder [m].
     """
 
     height: FloatArray
@@ -174,26 +137,8 @@ def solve_below(
 ) -> Solution:
     """Return the surface of least energy that springs hold below a ceiling.
 
-    Parameters
-    ----------
-    operator : Operator
-        The matrix A.
-    rhs, start : (H, W) ndarray
-        Right-hand side b, and where to begin: best the solution without ceiling.
-    ceiling : Ceiling
-        Where it is and how hard.
-    tolerance : float
-        As in `solve`; and the share by which springs' weights may still change at the end.
-    rim : Rim
-        What keeps the heights of `start`.
+    `rhs`, `start` (H, W): right-hand side b, and where to begin: best the solution without ceiling.
 
-    Returns
-    -------
-    Solution
-        Heights, and the iterations of all steps together.
-
-    Examples
-    --------
     A sheet held at 1 m by its western edge, below a ceiling at 0.5 m in the east:
 
     >>> data = np.zeros((1, 4, 4))
@@ -267,13 +212,7 @@ def _blas() -> ThreadpoolController:
 
 
 def band_cholesky(band: FloatArray) -> FloatArray:
-    """Return the Cholesky factor in the same lower band form; the same bytes whatever the number of threads.
-
-    Raises
-    ------
-    InputError
-        When the data hold the surface nowhere.
-    """
+    """Return the Cholesky factor in the same lower band form; the same bytes whatever the number of threads."""
     with _blas().limit(limits=1, user_api="blas"):
         try:
             factor: FloatArray = cholesky_banded(band, lower=True, check_finite=False)

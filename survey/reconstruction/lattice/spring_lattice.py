@@ -43,18 +43,11 @@ class SpringLattice(LatticeModel):
     matrix is diagonal and couples no nodes, so that a node without points never moves, and
     the displacement is the root of a quantity that may be negative.
 
-    Parameters
-    ----------
-    config : SpringLatticeConfig
-        Spring constants and the lattice, which follows the sensor.
+    `config`: spring constants and the lattice, which follows the sensor.
 
-    Notes
-    -----
     Points of earlier scans are in the surface, but do not hold it. There is
     no standard deviation, and no use of the points' own.
 
-    Examples
-    --------
     >>> xyz = [[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 4.0, 1.0], [4.0, 4.0, 1.0]]
     >>> model = SpringLattice(SpringLatticeConfig(side_m=None))
     >>> model.fit(SurfacePoints(xyz, sigma_m=0.05, crs="EPSG:32608")).predict([[2.0, 2.0]]).round(2)
@@ -76,13 +69,7 @@ class SpringLattice(LatticeModel):
     n_iterations_: int = field(default=0, init=False)
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Lay the lattice at the points' median height, and take them in.
-
-        Raises
-        ------
-        InputError
-            No origins though the lattice is to follow the sensor, or more nodes than memory.
-        """
+        """Lay the lattice at the points' median height, and take them in."""
         window = self._window(points, None)
         self.here = LatticeFrame(window, local_datum_m(points.z), points.crs, points.vertical_datum)
         level = float(np.median(points.z)) - self.here.datum_m
@@ -91,13 +78,7 @@ class SpringLattice(LatticeModel):
         return self._pulled(points)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Add a scan in place; the lattice moves with the sensor by whole steps.
-
-        Raises
-        ------
-        InputError
-            Another CRS, no origins though the lattice is to follow the sensor, or more nodes than memory.
-        """
+        """Add a scan in place; the lattice moves with the sensor by whole steps."""
         if self.here is None:
             return self.fit(points)
         same_crs(self.here.crs, points.crs, "the map and the scan")
@@ -110,13 +91,7 @@ class SpringLattice(LatticeModel):
         return self._pulled(points)
 
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:  # noqa: ARG002
-        """Refuse: springs state no distribution.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """Refuse: springs state no distribution."""
         raise InputError(
             "a SpringLattice has one surface and no distribution to draw from; take a FieldLattice."
         )

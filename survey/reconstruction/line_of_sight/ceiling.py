@@ -52,23 +52,15 @@ _RANKING_SLOPE = 1.0
 class LowestRays:
     """The three lowest rays over every node of a window.
 
-    Parameters
-    ----------
-    height : (3, H, W) ndarray
-        Height above the datum of the lowest rays where each is nearest to the node, three standard
-        deviations of the ray's height added [m]; infinite where there is none. The first is the lowest
-        once the ground's rise to the node is added.
-    offset : (3, H, W) ndarray
-        Horizontal distance between that place and the node [m].
+    `height` (3, H, W): height above the datum of the lowest rays where each is nearest to the node, three
+    standard deviations of the ray's height added [m]; infinite where there is none. The first is the lowest
+    once the ground's rise to the node is added. `offset` (3, H, W): horizontal distance between that place
+    and the node [m].
 
-    Notes
-    -----
     A node hears of the rays that cross its cell, a square of one step about it. Neighbouring nodes
     often hear of the same rays, so that a ray that is wrong by itself is outvoted and a beam that
     always lies is not.
 
-    Examples
-    --------
     A level ray 2 m above the row of nodes, and another, and a third:
 
     >>> window = NodeWindow(1.0, 0, 0, 3, 9)
@@ -90,14 +82,8 @@ class LowestRays:
     def add(self, window: NodeWindow, start: FloatArray, end: FloatArray, sigma_m: FloatArray) -> None:
         """Add rays.
 
-        Parameters
-        ----------
-        window : NodeWindow
-            The nodes.
-        start, end : (N, 3) ndarray
-            Where the sensor stood and where the ray ended, heights above the datum [m].
-        sigma_m : (N,) ndarray
-            Standard deviation of a ray's height [m].
+        `start`, `end` (N, 3): where the sensor stood and where the ray ended, heights above the datum [m].
+        `sigma_m` (N,): standard deviation of a ray's height [m].
         """
         rays = np.empty((len(start), 7))
         rays[:, :2], rays[:, 2] = window.coordinates(start[:, :2]), start[:, 2]
@@ -111,10 +97,7 @@ class LowestRays:
     def ceiling(self, slope: FloatArray) -> FloatArray:
         """Return the greatest height (H, W) that the ground can have [m]; infinite where too few rays passed.
 
-        Parameters
-        ----------
-        slope : (H, W) ndarray
-            Steepness of the ground as far as it is known [m/m].
+        `slope` (H, W): steepness of the ground as far as it is known [m/m].
         """
         reach = np.where(np.isfinite(self.height[-1]), self.offset[-1], 0.0)
         ceiling: FloatArray = self.height[-1] + (slope + _MORE_SLOPE) * reach
@@ -145,8 +128,6 @@ class LowestRays:
 def steepness(z: FloatArray, step_m: float) -> FloatArray:
     """Return the slope (H, W) of node heights, by differences of neighbours [m/m].
 
-    Examples
-    --------
     >>> steepness(np.array([[0.0, 1.0, 2.0]] * 3), 2.0)[1]
     array([0.5, 0.5, 0.5])
     """
@@ -236,25 +217,9 @@ def below_sight_lines(reconstruction: Reconstruction, points: SurfacePoints) -> 
     Rays of ghost returns, and rays that end far below the map, count for nothing; over every
     node the third-lowest of the others does.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        By any method that states a standard deviation.
-    points : SurfacePoints
-        What it was made from, with the sensor's origins.
-
-    Raises
-    ------
-    InputError
-        Lines of sight that make no sense, or a map of another quantity than elevation.
-
-    Notes
-    -----
     The standard deviation is taken to be right, and errors to be normal: the bounds are as good
     as they are. `FieldLattice` has bounds that were held to hidden ground.
 
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 8.0, 2.0), 1.0)
     >>> high, wide = Dem.on(grid, np.full(grid.shape, 1.0)), Dem.on(grid, np.full(grid.shape, 1.0))

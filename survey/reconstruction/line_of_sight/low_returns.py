@@ -23,20 +23,6 @@ _MOST_CANDIDATES_AT_ONCE = 50_000
 def without_low_returns(points: SurfacePoints) -> tuple[SurfacePoints, int]:
     """Return the points without isolated low ones, and the number of those.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Points of one scan or of a map.
-
-    Returns
-    -------
-    points : SurfacePoints
-        The same object where nothing is left out.
-    n_low : int
-        Points that were left out.
-
-    Examples
-    --------
     >>> level = np.column_stack([np.random.default_rng(0).uniform(0.0, 9.0, (300, 2)), np.zeros(300)])
     >>> level[7, 2] = -10.0
     >>> without_low_returns(SurfacePoints(level, sigma_m=0.02, crs="EPSG:32608"))[1]
@@ -54,22 +40,11 @@ def isolated_low(xyz: FloatArray) -> BoolArray:
     than four of their standard deviations, taken from their quartiles. It is isolated if fewer than three of them
     lie within 1 m of its height, so that pits and crevasses with several returns stay.
 
-    Parameters
-    ----------
-    xyz : (N, 3) ndarray
-        Easting, northing and height [m].
+    `xyz` (N, 3): easting, northing and height [m]. Returns (N,) bool: True for isolated low points; all False
+    for fewer than 25 points.
 
-    Returns
-    -------
-    (N,) ndarray of bool
-        True for isolated low points; all False for fewer than 25 points.
-
-    Notes
-    -----
     A pit that gave fewer than four returns cannot be distinguished from faulty ranges and is left out.
 
-    Examples
-    --------
     >>> xyz = np.column_stack([np.random.default_rng(0).uniform(0.0, 9.0, (300, 2)), np.zeros(300)])
     >>> xyz[[7, 8], 2] = -10.0
     >>> np.flatnonzero(isolated_low(xyz))

@@ -40,8 +40,6 @@ def ghosts(xyz: FloatArray) -> BoolArray:
     three of them lie within 0.3 m of its height: the top of a pile is not alone. Where fewer than six points are
     near, those within 4 to 8 m are asked; without six there, a point is accepted.
 
-    Examples
-    --------
     >>> xy = np.random.default_rng(0).uniform(0.0, 5.0, (200, 2))
     >>> xyz = np.column_stack([xy, 0.1 * xy[:, 0]])
     >>> xyz[17, 2] -= 10.0
@@ -148,20 +146,11 @@ def ground(xyz: FloatArray) -> BoolArray:
     A point is ground up to 0.3 m above cones that rise by 1.2 (50°) from the lowest point in every cell
     of 0.25 m. Distances run along the cells in eight directions, which makes them up to 8 % too long.
 
-    Raises
-    ------
-    CapacityError
-        Points over more than 50 million cells.
-
-    Notes
-    -----
     Lines of sight are not used, so that they can be tested against the result. The edges of steps, boulders
     and ice walls go too where they rise by more than 0.3 m at once: what is left is what a map of heights
     can hold. A roof so wide that its middle is far from all ground stays, and a cluster of returns from
     under the ground takes the ground about it away.
 
-    Examples
-    --------
     A branch 3 m above a slope of 0.5:
 
     >>> slope = np.column_stack([np.arange(9.0), np.zeros(9), 0.5 * np.arange(9.0)])
@@ -229,19 +218,6 @@ def checked_origins(points: SurfacePoints) -> FloatArray:
     Points above their sensor may be hills, trees or houses, and are retained. More than nine tenths are refused: the heights
     count downwards, origins and points are in different frames, or no ground was seen.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        With their sensors' origins.
-
-    Raises
-    ------
-    InputError
-        No origins; a point less than a millimetre from its sensor; nine tenths of the points
-        above their sensor; a sensor under nine tenths of the points next to it, within 6 m.
-
-    Examples
-    --------
     >>> hit = SurfacePoints([[4.0, 0.0, 0.0]], sigma_m=0.1, origins=[[0.0, 0.0, 2.0]], crs="EPSG:32608")
     >>> checked_origins(hit)
     array([[0., 0., 2.]])
@@ -272,20 +248,10 @@ def checked_origins(points: SurfacePoints) -> FloatArray:
 def ends_far_below(low_m: FloatArray, sigma_m: FloatArray) -> BoolArray:
     """Return which lines of sight end so far below a map that they went somewhere else.
 
-    Parameters
-    ----------
-    low_m : (N,) ndarray
-        How far their ends lie below the map [m]; NaN where it does not reach, where nothing is known.
-    sigma_m : (N,) ndarray
-        Standard deviations of the ends' heights [m].
+    `low_m` (N,): how far their ends lie below the map [m]; NaN where it does not reach, where nothing is
+    known. `sigma_m` (N,): standard deviations of the ends' heights [m]. Returns (N,) bool: those more than
+    four standard deviations below, of the point itself and of the usual distance together.
 
-    Returns
-    -------
-    (N,) ndarray of bool
-        Those more than four standard deviations below, of the point itself and of the usual distance together.
-
-    Examples
-    --------
     >>> ends_far_below(np.array([0.0, 0.1, -0.1, 0.1, -0.1, 2.0, -2.0]), np.full(7, 0.02))
     array([False, False, False, False, False,  True, False])
     """

@@ -93,17 +93,7 @@ DENSE = ReconstructionMethod(
 
 
 def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None) -> Reconstruction:
-    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none.
-
-    Parameters
-    ----------
-    result : Reconstruction
-        Map of the fitted model.
-    learned : Learned
-        State of the model.
-    area : SurveyArea, optional
-        Ground of which the error is claimed; the grid by default.
-    """
+    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none."""
     grid, std = result.mean.grid(), result.std.elevation
     inside = np.isfinite(std)
     if area is not None:

@@ -35,18 +35,11 @@ AGE = "map_age"
 class MapAge(NamedTuple):
     """RMSE of a map at its epoch, and the growth of its error.
 
-    Parameters
-    ----------
-    epoch_s : float
-        Epoch in seconds of the recording.
-    speed_m_per_day, speed_sigma_m_per_day : float
-        Velocity in the middle of the map and its standard deviation along the flow [m/day].
-    lowering_m_per_day, lowering_sigma_m_per_day : float
-        Lowering there and its standard deviation [m/day].
-    rmse_m : float
-        Claimed RMSE at the epoch [m].
-    growth_m_per_day : float
-        Root mean square change of the surface at fixed places, with its error [m/day].
+    `epoch_s`: epoch in seconds of the recording. `speed_m_per_day`, `speed_sigma_m_per_day`: velocity in the
+    middle of the map and its standard deviation along the flow [m/day]. `lowering_m_per_day`,
+    `lowering_sigma_m_per_day`: lowering there and its standard deviation [m/day]. `rmse_m`: claimed RMSE at
+    the epoch [m]. `growth_m_per_day`: root mean square change of the surface at fixed places, with its error
+    [m/day].
     """
 
     epoch_s: float
@@ -61,17 +54,7 @@ class MapAge(NamedTuple):
     def of(cls, mean: Dem, std: Dem, motion: IceMotion) -> Self:
         """Return the age of a map.
 
-        Parameters
-        ----------
-        mean, std : Dem
-            Map of the epoch and its standard deviation [m].
-        motion : IceMotion
-            Motion after the map.
-
-        Returns
-        -------
-        MapAge
-            Over the nodes with a height.
+        `mean`, `std`: map of the epoch and its standard deviation [m].
         """
         east, north = mean.gradient()
         known = np.isfinite(east) & np.isfinite(north) & np.isfinite(std.elevation)
@@ -96,18 +79,9 @@ class MapAge(NamedTuple):
     def hours_within(self, limit_m: float) -> float:
         """Return for how long before and after the epoch the RMSE stays below a limit [h].
 
-        Parameters
-        ----------
-        limit_m : float
-            Largest RMSE [m].
+        `limit_m`: largest RMSE [m]. Returns: 0 where the map exceeds it at its epoch, infinite where the
+        surface does not change.
 
-        Returns
-        -------
-        float
-            0 where the map exceeds it at its epoch, infinite where the surface does not change.
-
-        Examples
-        --------
         >>> round(MapAge(0.0, 2.0, 0.1, 0.05, 0.02, 0.3, 0.4).hours_within(0.5), 6)
         24.0
         """
@@ -121,47 +95,17 @@ class MapAge(NamedTuple):
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return the numbers by name, for the record.
-
-        Returns
-        -------
-        dict
-            Input of `from_facts`.
-        """
+        """Return the numbers by name, for the record."""
         return self._asdict()
 
     @classmethod
     def from_facts(cls, facts: dict[str, Any]) -> Self:
-        """Return the age of recorded numbers.
-
-        Parameters
-        ----------
-        facts : dict
-            As `facts` returns them.
-
-        Returns
-        -------
-        MapAge
-            Equal to the one recorded.
-        """
+        """Return the age of recorded numbers."""
         return cls(**facts)
 
 
 def with_age(result: Reconstruction, motion: IceMotion) -> Reconstruction:
-    """Return a map with its age among the diagnostics.
-
-    Parameters
-    ----------
-    result : Reconstruction
-        Map of the epoch of the motion.
-    motion : IceMotion
-        Motion of the ice after the map.
-
-    Returns
-    -------
-    Reconstruction
-        The same map, which states velocity, lowering and for how long it holds its class.
-    """
+    """Return a map with its age among the diagnostics."""
     facts = {AGE: MapAge.of(result.mean, result.std, motion).facts()}
     return replace(result, diagnostics={**result.diagnostics, **facts})
 
@@ -169,30 +113,6 @@ def with_age(result: Reconstruction, motion: IceMotion) -> Reconstruction:
 def at_epoch(result: Reconstruction, motion: IceMotion, epoch_s: float) -> tuple[Reconstruction, IceMotion]:
     """Move a map of ice that flows and lowers to another epoch.
 
-    Parameters
-    ----------
-    result : Reconstruction
-        Map of the elevation at the epoch of the motion.
-    motion : IceMotion
-        Motion of the ice after the map.
-    epoch_s : float
-        Epoch wanted, in seconds of the recording.
-
-    Returns
-    -------
-    result : Reconstruction
-        On the same nodes, with its age. The standard deviation includes that of the motion; ice that flows in from beyond
-        the map is unseen. Bounds and tests of the map, which are those of its own epoch, are left out.
-    motion : IceMotion
-        The same motion, counted from the new epoch.
-
-    Raises
-    ------
-    InputError
-        A map of another quantity, or an epoch by which the ice has left it.
-
-    Notes
-    -----
     Errors of map and motion count as independent, as they nearly are at the middle of a survey.
     """
     if result.quantity != ELEVATION:
@@ -251,20 +171,6 @@ def in_ice_frame(recording: Recording, motion: IceMotion) -> Recording:
     localization: `vision_slam.localize` of the result estimates path, landmarks and motion together, and a map of these
     landmarks is that of the epoch. `vision_slam.localize_on_ice` does both.
 
-    Parameters
-    ----------
-    recording : Recording
-        In fixed coordinates; a base station stands on rock.
-    motion : IceMotion
-        Prior of the motion, with repeated surveys of stakes in it (`motion_with_stakes`).
-
-    Returns
-    -------
-    Recording
-        With `ice_motion`.
-
-    Notes
-    -----
     Strain turns and stretches steps of the odometry by some 0.1 % a day, which is left to its errors of scale and
     heading.
     """
@@ -309,21 +215,7 @@ def _moved_stakes(stakes: Stakes | None, motion: IceMotion) -> Stakes | None:
 
 
 def in_fixed_frame(trajectory: Trajectory, motion: IceMotion) -> Trajectory:
-    """Return a path that was estimated at an epoch in fixed coordinates: each pose where it was at its own time.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Path on the ice of the epoch.
-    motion : IceMotion
-        Motion of the ice.
-
-    Returns
-    -------
-    Trajectory
-        Without the error that poses share. The covariance is that on the ice, which that of fixed coordinates does not
-        exceed where fixes hold the path.
-    """
+    """Return a path that was estimated at an epoch in fixed coordinates: each pose where it was at its own time."""
     moved = motion.displacement(trajectory.position[:, :2], trajectory.time_s)
     return replace(trajectory, position=trajectory.position + moved, error=None)
 
@@ -331,22 +223,8 @@ def in_fixed_frame(trajectory: Trajectory, motion: IceMotion) -> Trajectory:
 def route_on_ice(route: Route, motion: IceMotion, speed_m_s: float) -> Route:
     """Return a route of fixed coordinates as the line that it draws on the ice of an epoch.
 
-    Parameters
-    ----------
-    route : Route
-        Route of one rover, driven at a constant speed from the time 0 on.
-    motion : IceMotion
-        Motion that is expected of the ice.
-    speed_m_s : float
-        Speed [m/s].
+    `speed_m_s`: speed [m/s].
 
-    Returns
-    -------
-    Route
-        The same legs; each waypoint where its ice is at the epoch.
-
-    Examples
-    --------
     >>> from survey.data.route import Leg
     >>> from survey.reconstruction.motion.priors import uniform_motion
     >>> flow = uniform_motion((0.0, 8.64), 0.0, velocity_sigma=1.0, lowering_sigma=0.0, epoch_s=0.0)

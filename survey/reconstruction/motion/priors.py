@@ -208,20 +208,8 @@ def motion_from_slope(
 def plastic_thickness_m(slope: float, shape_factor: float = 0.8) -> float:
     r"""Return the thickness at which ice of a surface slope yields at its bed, :math:`H = \tau / (f \rho g \sin \alpha)`.
 
-    Parameters
-    ----------
-    slope : float
-        Rise per metre of the surface, over some times the thickness.
-    shape_factor : float
-        Share of the stress that the bed carries; the margins carry the rest.
+    Returns: thickness [m], within a factor of about two.
 
-    Returns
-    -------
-    float
-        Thickness [m], within a factor of about two.
-
-    Examples
-    --------
     >>> round(plastic_thickness_m(0.1))
     140
     """

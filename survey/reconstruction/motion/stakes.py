@@ -34,23 +34,7 @@ _UNLIKELY = 0.01
 
 
 def mean_stakes(surveys: StakeSurveys) -> Stakes:
-    """Return the mean place of each stake, at the mean time of its surveys.
-
-    Parameters
-    ----------
-    surveys : StakeSurveys
-        At least one of each stake.
-
-    Returns
-    -------
-    Stakes
-        With times; their errors do not correlate with those of a constant velocity.
-
-    Raises
-    ------
-    InputError
-        A stake without a survey.
-    """
+    """Return the mean place of each stake, at the mean time of its surveys."""
     weight, total = _weights(surveys)
     place = _sums(surveys, surveys.position * weight[:, None]) / total[:, None]
     time_s = _sums(surveys, surveys.time_s * weight) / total
@@ -58,20 +42,7 @@ def mean_stakes(surveys: StakeSurveys) -> Stakes:
 
 
 def motion_with_stakes(motion: IceMotion, surveys: StakeSurveys) -> IceMotion:
-    """Return the motion after repeated surveys of stakes.
-
-    Parameters
-    ----------
-    motion : IceMotion
-        Prior.
-    surveys : StakeSurveys
-        Stakes that were surveyed once say nothing of the motion.
-
-    Returns
-    -------
-    IceMotion
-        Posterior; its unknowns are independent again.
-    """
+    """Return the motion after repeated surveys of stakes."""
     design, value = _relative(motion, surveys)
     scale = _widening(design, value, 3 * len(mean_stakes(surveys)))
     information = np.linalg.inv(motion.spread) + design.T @ design / scale
@@ -144,16 +115,9 @@ _LEAST = 6
 class PredictedPosition(NamedTuple):
     """Coordinates at times and the velocity between the first and the last of these.
 
-    Parameters
-    ----------
-    position_m : (M,) ndarray
-        Predicted readings [m].
-    sigma_m : (M,) ndarray
-        Standard deviations, errors of the readings included [m].
-    velocity_m_per_day : float
-        Mean velocity of the series that was observed [m/day].
-    velocity_sigma_m_per_day : float
-        Its standard deviation as the velocity of later times [m/day].
+    `position_m` (M,): predicted readings [m]. `sigma_m` (M,): standard deviations, errors of the readings
+    included [m]. `velocity_m_per_day`: mean velocity of the series that was observed [m/day].
+    `velocity_sigma_m_per_day`: its standard deviation as the velocity of later times [m/day].
     """
 
     position_m: FloatArray

@@ -26,10 +26,7 @@ class Poses(NamedTuple):
 class PathInterpolator:
     """Interpolator of the poses of an estimated path.
 
-    Parameters
-    ----------
-    path : Trajectory
-        At least two poses.
+    `path`: at least two poses.
     """
 
     def __init__(self, path: Trajectory) -> None:
@@ -70,19 +67,9 @@ def covariance_by_pose(arm: FloatArray, rotation: FloatArray, pose_covariance: F
 
     with the arm o from the body to the place, the level direction to the left l and the body's forward axis x.
 
-    Parameters
-    ----------
-    arm : (N, 3) ndarray
-        From the body's origin to the places, in the world [m].
-    rotation : (N, 3, 3) ndarray
-        R_world_body.
-    pose_covariance : (N, 6, 6) ndarray
-        Of easting, northing, elevation [m], yaw, pitch and roll [rad].
-
-    Returns
-    -------
-    (N, 3, 3) ndarray
-        [m²].
+    `arm` (N, 3): from the body's origin to the places, in the world [m]. `rotation` (N, 3, 3): R_world_body.
+    `pose_covariance` (N, 6, 6): of easting, northing, elevation [m], yaw, pitch and roll [rad]. Returns (N,
+    3, 3): [m²].
     """
     ahead = rotation[:, :, 0]
     level = np.hypot(ahead[:, 0], ahead[:, 1])

@@ -30,16 +30,8 @@ _LEAST_KNOWN_RAD = np.radians(0.5)
 class RegisteredReturns(NamedTuple):
     """Returns of one or more scans in the world, with the poses that they were seen from.
 
-    Parameters
-    ----------
-    time_s : (N,) ndarray
-        Times [s].
-    xyz : (N, 3) ndarray
-        Places [m].
-    origin : (N, 3) ndarray
-        Places of the sensor [m].
-    n_returns : (N,) ndarray of int
-        Number of returns that each stands for.
+    `time_s` (N,): times [s]. `xyz` (N, 3): places [m]. `origin` (N, 3): places of the sensor [m]. `n_returns`
+    (N,) int: number of returns that each stands for.
     """
 
     time_s: FloatArray
@@ -71,20 +63,6 @@ def registered(
     """Yield each scan that the path covers in the world, without returns that are too near, too far, or alone.
 
     Returns from sharp turns, in which the attitude between two poses is not known, are left out too.
-
-    Parameters
-    ----------
-    scans : iterable of SensorScan
-        In the frame of the vehicle, each return at its own time.
-    poses : PathInterpolator
-        Estimated path.
-    config : ScanPointsConfig
-        Nearest and farthest return.
-
-    Yields
-    ------
-    RegisteredReturns
-        One scan with returns.
     """
     for scan in scans:
         distance = np.linalg.norm(scan.xyz - scan.sensor, axis=1)

@@ -34,16 +34,8 @@ _CLASSES_FROM = 3_000_000
 class Piece(NamedTuple):
     """Points of a file that are sorted together.
 
-    Parameters
-    ----------
-    file : str
-        Path of the file.
-    number : int
-        Number of the file among the sources.
-    first, n : int
-        First point and number of points.
-    ground_class : int or None
-        Class of the points to use; all but noise where None.
+    `file`: path of the file. `number`: number of the file among the sources. `first`, `n`: first point and
+    number of points. `ground_class`: class of the points to use; all but noise where None.
     """
 
     file: str
@@ -61,8 +53,6 @@ class Piece(NamedTuple):
 def pieces_of(file: Path, number: int, n_points: int, ground_class: int | None) -> list[Piece]:
     """Return the pieces of a file: equal parts of at most 2.5 million points.
 
-    Examples
-    --------
     >>> [piece.n for piece in pieces_of(Path("a.laz"), 0, 6_500_000, None)]
     [2166667, 2166667, 2166666]
     """
@@ -80,17 +70,8 @@ def holds_class(file: Path, n_points: int, wanted: int) -> bool:
 def strip_keys(strip: npt.NDArray[np.uint16], file_number: int) -> npt.NDArray[np.uint32]:
     """Return keys of strips: the flight line's number, or the file where a point states none.
 
-    Parameters
-    ----------
-    strip : (N,) ndarray of uint16
-        Number of the flight line; 0 for none.
-    file_number : int
-        Number of the file among the sources.
-
-    Returns
-    -------
-    (N,) ndarray of uint32
-        Equal keys for equal strips, over all files.
+    `strip` (N,): number of the flight line; 0 for none. Returns (N,): equal keys for equal strips, over all
+    files.
     """
     own = strip.astype(np.uint32)
     return np.where(own > 0, own, np.uint32((file_number + 1) << _FILE_BITS)).astype(np.uint32)
@@ -99,8 +80,6 @@ def strip_keys(strip: npt.NDArray[np.uint16], file_number: int) -> npt.NDArray[n
 def strip_name(key: int) -> str:
     """Return the name of a strip: the number of its flight line, or that of its file counted from 1.
 
-    Examples
-    --------
     >>> strip_name(8705), strip_name(2 << 16)
     ('8705', 'file 2')
     """
@@ -115,22 +94,7 @@ _HIGHEST_M = 2.0e6
 
 
 def sort_piece(layout: TileLayout, folder: Path, piece: Piece) -> int:
-    """Sort the points of a piece to files of their tiles; return how many points were used.
-
-    Parameters
-    ----------
-    layout : TileLayout
-        Tiles of the map.
-    folder : pathlib.Path
-        Folder in which the folder of the piece appears by one rename; one that is there is not written again.
-    piece : Piece
-        The points.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, its heights are no heights, or the disk is full.
-    """
+    """Sort the points of a piece to files of their tiles; return how many points were used."""
     target = folder / piece.name
     if target.exists():
         return _n_sorted(target)
@@ -208,13 +172,7 @@ def sorted_points(folder: Path, pieces: list[Piece], tile: MapTile) -> list[Path
 
 
 def read_sorted(file: Path) -> npt.NDArray[np.void]:
-    """Return sorted points of a tile, mapped and not read.
-
-    Raises
-    ------
-    InputError
-        The file was cut off.
-    """
+    """Return sorted points of a tile, mapped and not read."""
     if file.stat().st_size % POINT.itemsize:
         raise InputError(f"the sorted points {file} were cut off; remove the folder {file.parent} and go on.")
     return np.memmap(file, POINT, "r")
@@ -248,24 +206,7 @@ _N, _X, _Y, _Z, _M2 = range(5)
 def cell_statistics(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> npt.NDArray[np.void]:
     """Return the cells of a tile that hold points, for each strip, by rows, columns and strips.
 
-    Parameters
-    ----------
-    layout : TileLayout
-        Tiles of the map.
-    tile : MapTile
-        The tile.
-    files : sequence of pathlib.Path
-        Its sorted points; they are read in this order, which fixes the rounding.
-
-    Returns
-    -------
-    (N,) ndarray of `CELL`
-        Cells with their statistics.
-
-    Raises
-    ------
-    InputError
-        A file was cut off.
+    Returns (N,): cells with their statistics.
     """
     window = layout.window(tile)
     parts = [read_sorted(file) for file in files]
@@ -347,14 +288,7 @@ def cells_in(folder: Path, layout: TileLayout, tile: MapTile, window: CellWindow
 def mean_heights(cells: npt.NDArray[np.void], window: CellWindow, offset_m: FloatArray) -> FloatArray:
     """Return the mean height of the points of each cell (rows, columns) [m]; NaN for cells without any.
 
-    Parameters
-    ----------
-    cells : (N,) ndarray of CELL
-        Cells in the window.
-    window : CellWindow
-        Where they lie.
-    offset_m : (N,) ndarray
-        Subtracted from the heights [m].
+    `cells` (N,): cells in the window. `offset_m` (N,): subtracted from the heights [m].
     """
     flat = (cells["row"] - window.south).astype(np.int64) * window.columns + cells["column"] - window.west
     n = np.bincount(flat, cells["n"], window.rows * window.columns)

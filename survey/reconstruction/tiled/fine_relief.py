@@ -35,18 +35,9 @@ _GAUSS_WEIGHTS = (0.5, 0.5)
 class CellPoints(NamedTuple):
     """Cells as measurements.
 
-    Parameters
-    ----------
-    uv : (N, 2) ndarray
-        Place in cells from the middle of the window's first cell.
-    residual : (N,) ndarray
-        Height above the long relief without the strip's error [m].
-    weight : (N,) ndarray
-        1/σ² of the cell's mean [1/m²].
-    strip : (N,) ndarray of int
-        Key of the strip.
-    row, column : (N,) ndarray of int
-        The cell, counted from the origin of the CRS.
+    `uv` (N, 2): place in cells from the middle of the window's first cell. `residual` (N,): height above the
+    long relief without the strip's error [m]. `weight` (N,): 1/σ² of the cell's mean [1/m²]. `strip` (N,)
+    int: key of the strip. `row`, `column` (N,) int: the cell, counted from the origin of the CRS.
     """
 
     uv: FloatArray
@@ -69,16 +60,9 @@ class CellPoints(NamedTuple):
 class FineRelief(NamedTuple):
     """Fine relief of a window.
 
-    Parameters
-    ----------
-    height : (H, W) ndarray
-        Above the long relief [m].
-    variance : (H, W) ndarray
-        Of the field given the points, without errors that they share [m²].
-    shares : mapping of int to (H, W) ndarray
-        Part that each strip has in the height, by its key; the long relief has the rest.
-    away : (H, W) ndarray
-        Distance from the nearest cell with points, in cells.
+    `height` (H, W): above the long relief [m]. `variance` (H, W): of the field given the points, without
+    errors that they share [m²]. `shares`: part that each strip has in the height, by its key; the long relief
+    has the rest. `away` (H, W): distance from the nearest cell with points, in cells.
     """
 
     height: FloatArray
@@ -99,18 +83,7 @@ def fine_relief(
 ) -> FineRelief:
     """Return the fine relief at the middles of the cells of a window.
 
-    Parameters
-    ----------
-    points : CellPoints
-        Measurements in the window.
-    window : CellWindow
-        The cells.
-    cell_m : float
-        Side of a cell [m].
-    stiffness : Stiffness
-        Prior of the fine relief, and factor on the points' standard deviations.
-    n_draws : int
-        Draws from which the variance is taken.
+    `cell_m`: side of a cell [m].
     """
     information, operator = _equations(points, window, cell_m, stiffness)
     by = VCyclePreconditioner(operator)
@@ -143,11 +116,6 @@ def variance_within_cells(
     """Return the variance of the bilinear field, averaged over measured cells, as a share of that at their middles.
 
     The middles are the nodes of the lattice, where the field is least certain: between them it is a mean of nodes.
-
-    Parameters
-    ----------
-    points, window, cell_m, stiffness, n_draws
-        See `fine_relief`.
     """
     information, operator = _equations(points, window, cell_m, stiffness)
     measured = information.stencil[0] > 0.0
@@ -161,8 +129,6 @@ def variance_within_cells(
 def mean_square_over_cells(values: FloatArray) -> FloatArray:
     """Return the mean square of bilinear node values (H, W) over the cells about the nodes.
 
-    Examples
-    --------
     >>> mean_square_over_cells(np.full((2, 2), 3.0)).round(6).tolist()
     [[9.0, 9.0], [9.0, 9.0]]
     """
@@ -227,14 +193,7 @@ def strip_variance(
 ) -> FloatArray:
     """Return the variance (H, W) [m²] that errors of strips make in a map.
 
-    Parameters
-    ----------
-    shares : mapping of int to (H, W) ndarray
-        Part of each strip in the height.
-    design : mapping of int to (H, W, 5) ndarray
-        Rows that make the error of each strip, see `StripPlaces.design`; in the order of the shares.
-    covariance : (5 S, 5 S) ndarray
-        Of the errors of these strips, in the same order [m²].
+    `covariance` (5 S, 5 S): of the errors of these strips, in the same order [m²].
     """
     if not shares:
         return np.zeros(())

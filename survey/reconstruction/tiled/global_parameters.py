@@ -61,16 +61,8 @@ _FALLBACK_LONG_RELIEF = Stiffness(1000.0, 2000.0)
 class LongRelief(NamedTuple):
     """Heights and standard deviations on the nodes of a coarse lattice.
 
-    Parameters
-    ----------
-    window : NodeWindow
-        Nodes.
-    height : (H, W) ndarray
-        Heights [m], the first row the southern one.
-    std : (H, W) ndarray
-        Standard deviations [m].
-    reach_m : float
-        Distance from points beyond which the lattice says nothing of the ground [m].
+    `window`: nodes. `height` (H, W): heights [m], the first row the southern one. `std` (H, W): standard
+    deviations [m]. `reach_m`: distance from points beyond which the lattice says nothing of the ground [m].
     """
 
     window: NodeWindow
@@ -105,18 +97,8 @@ def long_relief(
 ) -> LongRelief:
     """Return the long relief through the means of blocks, about a prior where there is one.
 
-    Parameters
-    ----------
-    layout : TileLayout
-        Tiles of the map.
-    coarse_cells : int
-        Cells between neighbouring nodes.
-    blocks : (N, 7) ndarray
-        See `survey.reconstruction.tiled.summaries.relief_blocks`.
-    strips : StripErrors
-        Errors of the strips, which are subtracted.
-    prior : (H, W) ndarray or None
-        Heights of a coarse elevation model at the nodes [m], NaN where it has none.
+    `blocks` (N, 7): see `survey.reconstruction.tiled.summaries.relief_blocks`. `prior` (H, W): heights of a
+    coarse elevation model at the nodes [m], NaN where it has none.
     """
     window = coarse_nodes(layout, coarse_cells)
     about = np.zeros(window.shape) if prior is None else _complete(prior)
@@ -161,18 +143,9 @@ _USUAL_M2 = 0.05**2
 class Shared(NamedTuple):
     """What all tiles share.
 
-    Parameters
-    ----------
-    strips : StripErrors
-        Errors of strips.
-    usual_m2 : float
-        Variance of a point about the ground [m²].
-    relief : LongRelief
-        Relief longer than some blocks of cells.
-    n_control : int
-        Differences of strips and control points.
-    pairs : StripPairs
-        Overlapping strips.
+    `strips`: errors of strips. `usual_m2`: variance of a point about the ground [m²]. `relief`: relief longer
+    than some blocks of cells. `n_control`: differences of strips and control points. `pairs`: overlapping
+    strips.
     """
 
     strips: StripErrors
@@ -185,14 +158,8 @@ class Shared(NamedTuple):
 class Learnt(NamedTuple):
     """Prior of the fine relief, and factors on the standard deviations by withheld cells.
 
-    Parameters
-    ----------
-    stiffness : Stiffness
-        Prior of the fine relief.
-    calibration : LatticeCalibration
-        Factors by withheld cells.
-    within_cells : float
-        Variance of a height in a measured cell as a share of that at its middle, see `variance_within_cells`.
+    `stiffness`: prior of the fine relief. `calibration`: factors by withheld cells. `within_cells`: variance
+    of a height in a measured cell as a share of that at its middle, see `variance_within_cells`.
     """
 
     stiffness: Stiffness
@@ -207,15 +174,7 @@ class Learnt(NamedTuple):
 
 
 def solve_shared(job: TiledJob, tiles: list[MapTile]) -> Shared:
-    """Return what the summaries of all tiles determine, and write it; what is there is read.
-
-    Raises
-    ------
-    InputError
-        No tile holds a point.
-    CapacityError
-        More strips than can be solved together.
-    """
+    """Return what the summaries of all tiles determine, and write it; what is there is read."""
     if job.shared_file.exists():
         return read_shared(job)
     found = [load_arrays(job.summary_file(tile)) for tile in tiles]
@@ -268,21 +227,7 @@ class Measurements(NamedTuple):
 def measurements(
     job: TiledJob, shared: Shared, tile: MapTile, window: CellWindow, share: float
 ) -> Measurements:
-    """Return the measurements of a window about a tile.
-
-    Parameters
-    ----------
-    job : TiledJob
-        The map.
-    shared : Shared
-        Errors of strips and long relief.
-    tile : MapTile
-        The tile in or about which the window lies.
-    window : CellWindow
-        Cells.
-    share : float
-        Share of the cells that is withheld.
-    """
+    """Return the measurements of a window about a tile."""
     cell_m = job.layout.cell_m
     cells = cells_in(job.work / "cells", job.layout, tile, window)
     long_m, long_std_m = shared.relief.on(window, cell_m)
@@ -332,19 +277,7 @@ class Place(NamedTuple):
 
 
 def learn(job: TiledJob, shared: Shared, tiles: Sequence[MapTile], run: Run) -> Learnt:
-    """Return the prior of the fine relief and the factors on its standard deviation.
-
-    Parameters
-    ----------
-    job : TiledJob
-        The map.
-    shared : Shared
-        Errors of strips and long relief.
-    tiles : sequence of MapTile
-        Tiles with points.
-    run : callable
-        Runs the pilot windows.
-    """
+    """Return the prior of the fine relief and the factors on its standard deviation."""
     patches = _patches(job, shared, _places(job, tiles, PATCH_NODES, _N_PATCHES))
     ranges = [n * job.layout.cell_m for n in _RANGES_IN_CELLS]
     stiffness = likeliest_of(patches, ranges) if patches else _FALLBACK

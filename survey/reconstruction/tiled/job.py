@@ -29,8 +29,6 @@ from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 class TiledConfig(Section):
     """How a large survey is mapped tile by tile.
 
-    Examples
-    --------
     >>> TiledConfig().tile_cells
     1000
     """
@@ -85,24 +83,10 @@ class Control(NamedTuple):
 class TiledJob(NamedTuple):
     """A map in tiles.
 
-    Parameters
-    ----------
-    layout : TileLayout
-        Tiles of the map.
-    config : TiledConfig
-        Settings.
-    folder : pathlib.Path
-        Folder of the map; files between the stages are in its folder ``work``.
-    pieces : tuple of Piece
-        Points to sort.
-    crs : str
-        CRS of the map as WKT.
-    vertical_datum : str
-        Name of the surface that heights count from.
-    control : Control
-        Control points.
-    prior : str
-        Fingerprint of the raster that the long relief is built around; empty for none.
+    `layout`: tiles of the map. `config`: settings. `folder`: folder of the map; files between the stages are
+    in its folder ``work``. `pieces`: points to sort. `crs`: CRS of the map as WKT. `vertical_datum`: name of
+    the surface that heights count from. `control`: control points. `prior`: fingerprint of the raster that
+    the long relief is built around; empty for none.
     """
 
     layout: TileLayout
@@ -172,32 +156,7 @@ def tiled_job(
 ) -> TiledJob:
     """Return the request of a map of point files, checked.
 
-    Parameters
-    ----------
-    sources : sequence of pathlib.Path
-        Point files and folders of them: LAS, LAZ, COPC, PLY, Parquet.
-    folder : pathlib.Path
-        Folder of the map.
-    config : TiledConfig
-        Settings.
-    crs : str or pyproj.CRS, optional
-        Of files that state none.
-    bounds : (xmin, ymin, xmax, ymax), optional
-        Extent of the map [m]; that of the points by default.
-    control : Control, optional
-        Control points.
-
-    Returns
-    -------
-    TiledJob
-        What `map_in_tiles` runs.
-
-    Raises
-    ------
-    InputError
-        Files that are damaged, empty, in other CRSs or in none.
-    CapacityError
-        More tiles than can be numbered.
+    `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]; that of the points by default.
     """
     files = chunked_files(list(sources))
     facts = [point_file_facts(file) for file in files]
@@ -240,15 +199,7 @@ def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: A
 
 
 def begin(job: TiledJob) -> int:
-    """Make the folders of the work, or check that they hold the same request; return the disk space needed [bytes].
-
-    Raises
-    ------
-    InputError
-        The folder holds the work of another request.
-    CapacityError
-        The disk is too full.
-    """
+    """Make the folders of the work, or check that they hold the same request; return the disk space needed [bytes]."""
     stated = _stated(job)
     file = job.work / "request.json"
     if file.exists() and read_json(file, "the request of the map") != stated:
@@ -296,8 +247,6 @@ _BYTES_PER_CELL = 90
 def disk_bytes(n_points: int, n_cells: int) -> int:
     """Return the disk space that sorted points and cells take.
 
-    Examples
-    --------
     >>> disk_bytes(1_000_000_000, 100_000_000)
     25000000000
     """
@@ -305,25 +254,7 @@ def disk_bytes(n_points: int, n_cells: int) -> int:
 
 
 def require_disk(folder: Path, n_points: int, n_cells: int) -> int:
-    """Return the disk space that the work takes, or refuse one that is not free.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        An existing folder on the disk.
-    n_points, n_cells : int
-        Points of the survey and cells of the map.
-
-    Returns
-    -------
-    int
-        Bytes.
-
-    Raises
-    ------
-    CapacityError
-        Less space is free.
-    """
+    """Return the disk space that the work takes, or refuse one that is not free."""
     needed = disk_bytes(n_points, n_cells)
     free = shutil.disk_usage(folder).free
     if needed > free:

@@ -18,12 +18,8 @@ _SMALLEST_SHARE = 10
 class CellWindow(NamedTuple):
     """A rectangle of cells.
 
-    Parameters
-    ----------
-    west, south : int
-        Numbers of the first column and row, counted from the origin of the CRS.
-    columns, rows : int
-        Cells along the sides.
+    `west`, `south`: numbers of the first column and row, counted from the origin of the CRS. `columns`,
+    `rows`: cells along the sides.
     """
 
     west: int
@@ -89,17 +85,8 @@ class TileLayout(NamedTuple):
 
     A rest of less than a tenth of a tile at the eastern or northern edge belongs to the tiles beside it.
 
-    Parameters
-    ----------
-    cell_m : float
-        Side of a cell [m].
-    tile_cells : int
-        Cells along a side of a tile.
-    extent : CellWindow
-        All cells of the map.
+    `cell_m`: side of a cell [m]. `tile_cells`: cells along a side of a tile. `extent`: all cells of the map.
 
-    Examples
-    --------
     >>> layout = TileLayout.over((0.5, 0.5, 2300.0, 900.0), 1.0, 1000)
     >>> layout.shape, layout.window(MapTile(0, 2))
     ((1, 3), CellWindow(west=2000, south=0, columns=300, rows=900))
@@ -111,15 +98,7 @@ class TileLayout(NamedTuple):
 
     @classmethod
     def over(cls, bounds: Bounds, cell_m: float, tile_cells: int) -> Self:
-        """Return the division of the cells that cover bounds [m].
-
-        Raises
-        ------
-        InputError
-            Bounds that enclose nothing.
-        CapacityError
-            More tiles or cells than can be numbered.
-        """
+        """Return the division of the cells that cover bounds [m]."""
         west, south = (math.floor(v / cell_m + 1e-9) for v in bounds[:2])
         east, north = (math.ceil(v / cell_m - 1e-9) for v in bounds[2:])
         if east <= west or north <= south:

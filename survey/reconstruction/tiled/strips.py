@@ -45,13 +45,7 @@ class StripPlaces(NamedTuple):
 
     @classmethod
     def of(cls, tables: list[npt.NDArray[np.float64]]) -> "StripPlaces":
-        """Return the places by tables of the tiles: key, number of cells, sums of x, y, x², y² [m].
-
-        Raises
-        ------
-        CapacityError
-            More strips than can be solved together.
-        """
+        """Return the places by tables of the tiles: key, number of cells, sums of x, y, x², y² [m]."""
         rows = np.concatenate(tables)
         keys, index = np.unique(rows[:, 0], return_inverse=True)
         if len(keys) > _MOST_STRIPS:
@@ -95,18 +89,9 @@ class Sizes(NamedTuple):
 class StripErrors(DataObject):
     """Errors of the strips and their joint covariance.
 
-    Parameters
-    ----------
-    places : StripPlaces
-        Middles and half-lengths.
-    errors : (S, 5) ndarray
-        Offset, tilts and shifts [m].
-    covariance : (5 S, 5 S) ndarray
-        Of all errors [m²].
-    sizes : Sizes
-        Found sizes of the errors.
-    cell_m : float
-        Standard deviation that the points of a strip share in a cell [m].
+    `places`: middles and half-lengths. `errors` (S, 5): offset, tilts and shifts [m]. `covariance` (5 S, 5
+    S): of all errors [m²]. `sizes`: found sizes of the errors. `cell_m`: standard deviation that the points
+    of a strip share in a cell [m].
     """
 
     places: StripPlaces
@@ -138,14 +123,8 @@ class StripErrors(DataObject):
     ) -> tuple[float, float]:
         """Return how far a strip lies above another one at a place (2,), and the standard deviation [m].
 
-        Parameters
-        ----------
-        first, second : int
-            Keys of the strips.
-        xy : (2,) ndarray
-            Easting and northing [m].
-        slope : (2,) tuple of float
-            Slope eastwards and northwards, by which horizontal shifts count [m/m]; level ground by default.
+        `xy` (2,): easting and northing [m]. `slope` (2,): slope eastwards and northwards, by which horizontal
+        shifts count [m/m]; level ground by default.
         """
         strip = self.places.numbers(np.array([first, second], np.uint32))
         rows = self.places.design(strip, np.tile(xy, (2, 1)), np.tile(slope, (2, 1)))
@@ -182,12 +161,9 @@ _COLUMNS = ("x", "y", "e", "v", "raw", "placed")
 class StripPairs(NamedTuple):
     """Overlapping strips.
 
-    Parameters
-    ----------
-    table : (N, 9) ndarray
-        Keys of the two strips; number of blocks of cells that both have seen; means over the cells: easting and northing
-        [m], slopes [m/m], difference of the cells' mean heights [m], and the part of it that other places of the points in
-        the cell make [m].
+    `table` (N, 9): keys of the two strips; number of blocks of cells that both have seen; means over the
+    cells: easting and northing [m], slopes [m/m], difference of the cells' mean heights [m], and the part of
+    it that other places of the points in the cell make [m].
     """
 
     table: FloatArray
@@ -244,20 +220,10 @@ _LEAST_VARIANCE = 1e-8
 class GroupSums(NamedTuple):
     """Sums over groups of differences, each divided by the variance of its errors.
 
-    Parameters
-    ----------
-    strip : (N, 2) ndarray of int
-        Numbers of the two strips; for a control point the strip's, twice.
-    is_pair : (N,) ndarray of bool
-        Whether the difference is one of two strips.
-    matrix : (N, 10, 10) ndarray
-        HᵀH, for the errors of both strips.
-    column, rhs : (N, 10) ndarray
-        Hᵀ1 and Hᵀd.
-    weight, total, energy : (N,) ndarray
-        1ᵀ1, 1ᵀd and dᵀd.
-    log_determinant : (N,) ndarray
-        Of the covariance of the group's shared errors, beyond that of independent ones.
+    `strip` (N, 2) int: numbers of the two strips; for a control point the strip's, twice. `is_pair` (N,)
+    bool: whether the difference is one of two strips. `matrix` (N, 10, 10): HᵀH, for the errors of both
+    strips. `column`, `rhs` (N, 10): Hᵀ1 and Hᵀd. `weight`, `total`, `energy` (N,): 1ᵀ1, 1ᵀd and dᵀd.
+    `log_determinant` (N,): of the covariance of the group's shared errors, beyond that of independent ones.
     """
 
     strip: IntArray
@@ -312,13 +278,8 @@ class Normal(NamedTuple):
 def differences(places: StripPlaces, rows: npt.NDArray[np.void]) -> Differences:
     """Return the sums over every block of cells, sorted by stretches of two strips.
 
-    Parameters
-    ----------
-    places : StripPlaces
-        Middles and half-lengths.
-    rows : (N,) ndarray of OVERLAP
-        Blocks of cells, and control points with `second` 0. The parts of a block that lie in several tiles are put together,
-        so that the tiles make no difference.
+    `rows` (N,): blocks of cells, and control points with `second` 0. The parts of a block that lie in several
+    tiles are put together, so that the tiles make no difference.
     """
     stretch = [np.floor(rows[axis] / STRETCH_M) for axis in ("x", "y")]
     names = ("first", "second", "block_row", "block_column")
@@ -381,16 +342,8 @@ def normal_equations(
 ) -> Normal:
     """Return the normal equations of the errors of all strips.
 
-    Parameters
-    ----------
-    found : Differences
-        Sums over blocks.
-    prior_m : (5,) ndarray
-        Standard deviations of a strip's errors before the comparison [m].
-    n_strips : int
-        Number of strips.
-    block_m, wander_m : float
-        Standard deviations of the errors that a strip has in every block and in every stretch [m].
+    `prior_m` (5,): standard deviations of a strip's errors before the comparison [m]. `block_m`, `wander_m`:
+    standard deviations of the errors that a strip has in every block and in every stretch [m].
     """
     matrix = np.diag(np.tile(prior_m**-2.0, n_strips))
     rhs = np.zeros(N_TERMS * n_strips)
@@ -413,21 +366,9 @@ def solve_strips(
 ) -> StripErrors:
     """Return the strips' errors by their overlaps and control points.
 
-    Parameters
-    ----------
-    places : StripPlaces
-        Middles and half-lengths of the strips.
-    blocks : (N,) ndarray of OVERLAP
-        Differences of strips over blocks of cells.
-    control : (M,) ndarray of OVERLAP
-        Differences of strips and control points: `second` is 0, `n` is 1, `scatter` their variance [m²].
-    expected : Sizes
-        Medians of the priors of the sizes.
-
-    Returns
-    -------
-    StripErrors
-        Without overlaps and control points the errors are 0 and as uncertain as expected.
+    `blocks` (N,): differences of strips over blocks of cells. `control` (M,): differences of strips and
+    control points: `second` is 0, `n` is 1, `scatter` their variance [m²]. Returns: without overlaps and
+    control points the errors are 0 and as uncertain as expected.
     """
     found = differences(places, np.concatenate([blocks, control]))
     n_strips = len(places.keys)

@@ -69,18 +69,7 @@ def relief_blocks(
 
     The columns are the key of the strip, the number of its cells, their mean place (2) and height [m], and slopes (2) [m/m].
 
-    Parameters
-    ----------
-    cells : (N,) ndarray of CELL
-        Cells of the tile.
-    slope : (N, 2) ndarray
-        Slopes [m/m].
-    window : CellWindow
-        The tile.
-    cell_m : float
-        Side of a cell [m].
-    side : int
-        Cells along a side of a block, a divisor of the tile's.
+    `cells` (N,): cells of the tile. `slope` (N, 2): slopes [m/m]. `cell_m`: side of a cell [m].
     """
     keys, strip = np.unique(cells["strip"], return_inverse=True)
     row, column = (cells["row"] - window.south) // side, (cells["column"] - window.west) // side
@@ -154,21 +143,9 @@ def overlaps(
 ) -> npt.NDArray[np.void]:
     """Return the blocks of a tile in which two strips overlap.
 
-    Parameters
-    ----------
-    cells : (N,) ndarray of CELL
-        Cells of the tile, by rows, columns and strips.
-    window : CellWindow
-        The tile.
-    cell_m : float
-        Side of a cell [m].
-    point_variance_m2 : (N,) ndarray
-        Variance of a point in each cell [m²].
-
-    Returns
-    -------
-    (M,) ndarray of OVERLAP
-        By pairs of strips and blocks. Heights are brought to the same place in the cell by the slope.
+    `cells` (N,): cells of the tile, by rows, columns and strips. `cell_m`: side of a cell [m].
+    `point_variance_m2` (N,): variance of a point in each cell [m²]. Returns (M,): by pairs of strips and
+    blocks. Heights are brought to the same place in the cell by the slope.
     """
     slope = slopes_at(cells, window)
     level = cells["z"] - slope[:, 0] * (cells["x"] - 0.5) - slope[:, 1] * (cells["y"] - 0.5)
@@ -255,23 +232,9 @@ def control_differences(
 ) -> npt.NDArray[np.void]:
     """Return the differences of strips and control points, each by a plane through the cells about it.
 
-    Parameters
-    ----------
-    cells : (N,) ndarray of CELL
-        Cells of the tile.
-    cell_m : float
-        Side of a cell [m].
-    point_variance_m2 : (N,) ndarray
-        Variance of a point in each cell [m²].
-    slope : (N, 2) ndarray
-        Slopes [m/m].
-    control : Control
-        Control points.
-
-    Returns
-    -------
-    (M,) ndarray of OVERLAP
-        With `second` 0 and `n` 1. A control point that several strips see counts once in all.
+    `cells` (N,): cells of the tile. `cell_m`: side of a cell [m]. `point_variance_m2` (N,): variance of a
+    point in each cell [m²]. `slope` (N, 2): slopes [m/m]. Returns (M,): with `second` 0 and `n` 1. A control
+    point that several strips see counts once in all.
     """
     x, y = ((cells[a] + cells[b]) * cell_m for a, b in (("column", "x"), ("row", "y")))
     found: list[tuple[float, ...]] = []

@@ -27,29 +27,7 @@ from survey.reconstruction.tiled.tile_map import TiledResult, map_tile, write_re
 
 
 def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) -> TiledResult:
-    """Map a survey tile by tile, or go on with a map that was broken off.
-
-    Parameters
-    ----------
-    job : TiledJob
-        From `survey.reconstruction.tiled.job.tiled_job`.
-    run : callable
-        Runs a function on pieces, in any order, such as what `survey.core.executors.open_workers` yields.
-    progress : callable
-        Progress callback: what is being done, how many of it are done, and how many there are.
-
-    Returns
-    -------
-    TiledResult
-        Record and test; the map is in the job's folder.
-
-    Raises
-    ------
-    InputError
-        The folder holds another map or another run works there, files are damaged, or no point lies in the map.
-    CapacityError
-        The disk is too full, or the survey has more strips than can be solved together.
-    """
+    """Map a survey tile by tile, or go on with a map that was broken off."""
     begin(job)
     with _held(job):
         sort = partial(sort_piece, job.layout, job.sorted_folder)

@@ -149,16 +149,9 @@ _LEAST_CELLS = 10
 class WithheldTest(NamedTuple):
     """Errors at withheld cells against the standard deviations that the map states.
 
-    Parameters
-    ----------
-    n : int
-        Withheld cells.
-    coverage_95 : float
-        Share of them within the 95 % interval; NaN without cells.
-    rms_ratio : float
-        Root mean square of error over standard deviation.
-    reliability : dict of float to float
-        Share of the cells within the central interval of each nominal coverage.
+    `n`: withheld cells. `coverage_95`: share of them within the 95 % interval; NaN without cells.
+    `rms_ratio`: root mean square of error over standard deviation. `reliability`: share of the cells within
+    the central interval of each nominal coverage.
     """
 
     n: int
@@ -187,14 +180,8 @@ class WithheldTest(NamedTuple):
 class CoverageMap(NamedTuple):
     """Share of withheld cells within the 95 % interval over blocks of cells.
 
-    Parameters
-    ----------
-    share : (H, W) ndarray
-        The first row is the southern one; NaN with fewer than ten cells.
-    blocks : CellWindow
-        The blocks, counted in blocks from the origin of the CRS.
-    side_m : float
-        Side of a block [m].
+    `share` (H, W): the first row is the southern one; NaN with fewer than ten cells. `blocks`: the blocks,
+    counted in blocks from the origin of the CRS. `side_m`: side of a block [m].
     """
 
     share: FloatArray
@@ -211,19 +198,7 @@ class CoverageMap(NamedTuple):
 def coverage_map(tested: FloatArray, extent: CellWindow, cell_m: float) -> CoverageMap:
     """Return how often the 95 % intervals held the withheld cells, in blocks of 250 cells, fewer on small maps.
 
-    Parameters
-    ----------
-    tested : (N, 4) ndarray
-        Easting, northing, error and standard deviation [m].
-    extent : CellWindow
-        Cells of the map.
-    cell_m : float
-        Side of a cell [m].
-
-    Returns
-    -------
-    CoverageMap
-        Shares and blocks.
+    `tested` (N, 4): easting, northing, error and standard deviation [m]. `cell_m`: side of a cell [m].
     """
     n = _BLOCK_CELLS
     while n > _SMALLEST_BLOCK and min(extent.shape) < 2 * n:

@@ -16,23 +16,7 @@ _TOO_FEW = re.compile(r"\d+ checkpoints on ")
 
 @cache
 def template(language: str) -> dict[str, dict[str, str]]:
-    """Return the template of a language: texts by standard and case.
-
-    Parameters
-    ----------
-    language : str
-        One of `LANGUAGES`.
-
-    Returns
-    -------
-    dict of str to dict of str to str
-        Texts with values in braces.
-
-    Raises
-    ------
-    ConfigError
-        A language without a template.
-    """
+    """Return the template of a language: texts by standard and case."""
     if language not in LANGUAGES:
         raise ConfigError(
             f"there is no accuracy statement in the language {language!r}; one of {', '.join(LANGUAGES)} was expected."
@@ -47,25 +31,6 @@ def statement(finding: Assessment, language: str = "en") -> str:
     Where the conditions of the standard are met it has the standard's own words; where not, it says so in words
     that cannot be mistaken for them.
 
-    Parameters
-    ----------
-    finding : Assessment
-        Finding on checkpoints under one standard.
-    language : str
-        One of `LANGUAGES`.
-
-    Returns
-    -------
-    str
-        One paragraph.
-
-    Raises
-    ------
-    ConfigError
-        A language without a template.
-
-    Examples
-    --------
     >>> from survey.scoring.standards.checkpoint_errors import Spread
     >>> even = Spread((0.25, 0.25, 0.25, 0.25), 0.1, 1e6)
     >>> found = Assessment("nssda-1998", "NSSDA", "", "accuracy", 0.098, None, "reported", 30, 0.02, even)

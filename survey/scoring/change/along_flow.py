@@ -101,32 +101,8 @@ def change_along_flow(
 ) -> AlongFlow:
     """Follow the change of a moving surface along its flow, and balance its mass.
 
-    Parameters
-    ----------
-    found : Change
-        Change at fixed places.
-    later : Dem
-        Later survey [m].
-    outlines : mapping of str to polygon
-        Those of `found` [m].
-    field : DisplacementField
-        Displacement between the surveys.
-    thickness : Thickness, optional
-        Of the ice. Without it, that at which the ice yields at the mean slope of each outline, with a standard deviation
-        of half of it.
+    `later`: later survey [m]. `outlines`: those of `found` [m].
 
-    Returns
-    -------
-    AlongFlow
-        Errors of heights and of the displacement count as independent.
-
-    Raises
-    ------
-    InputError
-        A flow or a thickness with gaps, or a flow that carries all ice beyond the later survey.
-
-    Notes
-    -----
     The displacement is evaluated on some 900 nodes over the surveys and interpolated between them: shear margins narrower
     than these are smoothed. Where the flow carries ice beyond the later survey the change along it is not known.
     """

@@ -37,13 +37,7 @@ _NAMES = ("name", "Name", "NAME", "glac_name", "rgi_id", "RGIId", "id")
 
 
 def read_outlines(path: str | Path, crs: Any) -> dict[str, Polygon | MultiPolygon]:
-    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS.
-
-    Raises
-    ------
-    InputError
-        A damaged file, no CRS, or a feature that is no simple polygon.
-    """
+    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS."""
     layer = polygon_layer(path, what="the outline file")
     features = read_features(path, layer=layer, what="the outline file")
     if features.crs is None:
@@ -82,15 +76,7 @@ _AVERAGED_CELLS = 4_000_000
 def averaged_step_m(files: list[Path]) -> float | None:
     """Return the side of the squares over which surveys are averaged before they are compared [m].
 
-    Parameters
-    ----------
-    files : list of pathlib.Path
-        North-up rasters with square cells.
-
-    Returns
-    -------
-    float or None
-        None where every survey is small enough to be compared cell by cell.
+    Returns: None where every survey is small enough to be compared cell by cell.
     """
     headers = [raster_header(file) for file in files]
     if all(math.prod(header.shape) <= LARGEST_CELLS for header in headers):
@@ -102,25 +88,7 @@ def averaged_step_m(files: list[Path]) -> float | None:
 def averaged_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
     """Return a survey averaged over squares of about a given side; a second band is its standard deviation.
 
-    Parameters
-    ----------
-    file : pathlib.Path
-        A raster of any size, read in strips.
-    step_m : float
-        Side of the squares [m]; whole cells are taken, at least one.
-    crs : str or pyproj.CRS, optional
-        Of a file that carries none.
-
-    Returns
-    -------
-    Dem or Reconstruction
-        The standard deviation is the mean one of a square: it states where errors are larger than elsewhere, and not how
-        large those of averages are.
-
-    Raises
-    ------
-    InputError
-        A damaged raster, one that is rotated or in degrees.
+    `step_m`: side of the squares [m]; whole cells are taken, at least one.
     """
     cells = max(1, math.ceil(step_m / raster_header(file).transform.a - 1e-9))
     bands = (1, 2) if band_count(file) > 1 else (1,)
@@ -191,11 +159,6 @@ def write_change(
     """Write ``change.tif`` (difference, deviation, significance), ``change.csv`` and ``change.json``.
 
     With a flow also ``along_flow.tif``: difference along the flow and displacement, with their deviations.
-
-    Raises
-    ------
-    InputError
-        When the folder is missing or cannot be written to.
     """
     place, dem = Path(folder), change.difference
     bands = {

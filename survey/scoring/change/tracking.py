@@ -45,18 +45,10 @@ _ONE_PEAK_PX = 4.0
 class Match(NamedTuple):
     """Displacement of a window.
 
-    Parameters
-    ----------
-    shift : (2,) ndarray
-        Rows down and columns right [pixels].
-    covariance : (2, 2) ndarray
-        Of the shift [pixels²].
-    correlation : float
-        Normalized cross-correlation at the match.
-    ambiguity : float
-        What the match leaves unexplained over what the best match elsewhere leaves, 0 to 1.
-    is_converged : bool
-        Whether the fit of least squares stayed within a pixel and a half of the highest correlation.
+    `shift` (2,): rows down and columns right [pixels]. `covariance` (2, 2): of the shift [pixels²].
+    `correlation`: normalized cross-correlation at the match. `ambiguity`: what the match leaves unexplained
+    over what the best match elsewhere leaves, 0 to 1. `is_converged`: whether the fit of least squares stayed
+    within a pixel and a half of the highest correlation.
     """
 
     shift: FloatArray
@@ -69,10 +61,7 @@ class Match(NamedTuple):
 class ImagePair:
     """Two images of one ground on one grid, prepared for matching.
 
-    Parameters
-    ----------
-    first, second : (H, W) ndarray
-        Brightness or heights without gaps.
+    `first`, `second` (H, W): brightness or heights without gaps.
     """
 
     def __init__(self, first: FloatArray, second: FloatArray) -> None:
@@ -84,19 +73,8 @@ class ImagePair:
     def match(self, centre: tuple[int, int], half_px: int, search_px: int) -> Match:
         """Match the window of the first image about a pixel within a distance in the second one.
 
-        Parameters
-        ----------
-        centre : (int, int)
-            Row and column.
-        half_px : int
-            Half of the width of the window [pixels].
-        search_px : int
-            Largest displacement on either axis [pixels].
-
-        Returns
-        -------
-        Match
-            Window and search must lie within the images.
+        `centre` (int, int): row and column. `half_px`: half of the width of the window [pixels]. `search_px`:
+        largest displacement on either axis [pixels].
         """
         row, column = centre
         window = self.first[row - half_px : row + half_px + 1, column - half_px : column + half_px + 1]
@@ -139,17 +117,8 @@ class ImagePair:
 def normalized_correlation(window: FloatArray, area: FloatArray) -> FloatArray:
     """Return the normalized cross-correlation of a window (n, n) with every place of an area.
 
-    Parameters
-    ----------
-    window : (n, n) ndarray
-        Template.
-    area : (m, m) ndarray
-        At least as large.
-
-    Returns
-    -------
-    (m - n + 1, m - n + 1) ndarray
-        Between -1 and 1; 0 where the area is flat.
+    `window` (n, n): template. `area` (m, m): at least as large. Returns (m - n + 1, m - n + 1): between -1
+    and 1; 0 where the area is flat.
     """
     from scipy.signal import fftconvolve  # slow to import, and scores of maps need none
 
@@ -311,17 +280,7 @@ def track(
 def check_pair(earlier: Dem, later: Dem, window_px: int, search_px: int) -> None:
     """Refuse surveys on different grids, and windows without a middle.
 
-    Parameters
-    ----------
-    earlier, later : Dem
-        Surveys.
-    window_px, search_px : int
-        Width of the windows and of the search [pixels].
-
-    Raises
-    ------
-    InputError
-        What `track` refuses before work starts.
+    `window_px`, `search_px`: width of the windows and of the search [pixels].
     """
     same_crs(earlier.crs, later.crs, "the two surveys")
     if earlier.shape != later.shape or not earlier.transform.almost_equals(later.transform):
@@ -336,19 +295,9 @@ def check_pair(earlier: Dem, later: Dem, window_px: int, search_px: int) -> None
 def hillshade(dem: Dem, azimuth_deg: float = 315.0, altitude_deg: float = 45.0) -> FloatArray:
     """Return the brightness (H, W) of a surface that scatters light evenly.
 
-    Parameters
-    ----------
-    dem : Dem
-        Elevations.
-    azimuth_deg : float
-        Direction of the light, clockwise from north [deg].
-    altitude_deg : float
-        Height of the light above the horizon [deg].
-
-    Returns
-    -------
-    (H, W) ndarray
-        Cosine of the angle between light and surface; shadows are not cast.
+    `azimuth_deg`: direction of the light, clockwise from north [deg]. `altitude_deg`: height of the light
+    above the horizon [deg]. Returns (H, W): cosine of the angle between light and surface; shadows are not
+    cast.
     """
     east, north = dem.gradient()
     azimuth, altitude = np.radians(azimuth_deg), np.radians(altitude_deg)
@@ -405,16 +354,7 @@ _COLUMNS = ("east_m", "north_m", "sigma_east_m", "sigma_north_m", "correlation",
 def write_tracked(path: str | Path, found: TrackedMotion, days: float, crs: CRS) -> None:
     """Write displacements as points with velocities and standard deviations.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        GeoPackage, GeoJSON or Shapefile.
-    found : TrackedMotion
-        Result of `survey.track`; the covariance between east and north is not written.
-    days : float
-        Time between the surveys [days].
-    crs : pyproj.CRS
-        Of the surveys.
+    `days`: time between the surveys [days].
     """
     columns = dict(zip(("east_m", "north_m"), found.shift_m.T, strict=True))
     columns |= dict(zip(("east_m_per_day", "north_m_per_day"), found.shift_m.T / days, strict=True))
@@ -425,25 +365,7 @@ def write_tracked(path: str | Path, found: TrackedMotion, days: float, crs: CRS)
 
 
 def read_tracked(path: str | Path, crs: CRS) -> TrackedMotion:
-    """Read the displacements that `write_tracked` wrote.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    crs : pyproj.CRS
-        Of the surveys, in which the file must be.
-
-    Returns
-    -------
-    TrackedMotion
-        Errors to the east and to the north count as independent.
-
-    Raises
-    ------
-    InputError
-        A file of other columns or in another CRS, or displacements that are not finite and not flagged.
-    """
+    """Read the displacements that `write_tracked` wrote."""
     features = read_features(path, what="the tracked displacements")
     lacking = [name for name in _COLUMNS if name not in features.attributes]
     if lacking:

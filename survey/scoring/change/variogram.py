@@ -110,12 +110,8 @@ def fitted(
     information criterion. Structures that chance alone suggests are thus left out: a long range of a
     thousandth of the variance would decide the error of a mean.
 
-    Parameters
-    ----------
-    lags, gamma, weight : (B,) ndarray
-        Mean distance [m], half the mean squared difference [m²], and weight of the bins.
-    shortest_m : float
-        Shortest range [m].
+    `lags`, `gamma`, `weight` (B,): mean distance [m], half the mean squared difference [m²], and weight of
+    the bins. `shortest_m`: shortest range [m].
     """
     ranges = np.geomspace(shortest_m, _LONGEST * max(lags[-1], shortest_m), _N_RANGES)
     tried = [Structure(family, float(reach)) for family in SHAPES for reach in ranges]
@@ -289,20 +285,10 @@ def error_of_sum(
     independent errors of each range the n cells have shown from which the variogram was learnt.
     The sills of one fit err together, so that their deviations add up, not their variances.
 
-    Parameters
-    ----------
-    weights : (H, W) ndarray
-        Where they add up to 0 (the mean of a glacier less that of the ground around it),
-        what all cells share cancels.
-    variogram : Variogram
-        Of the errors.
-    learnt_on : (H, W) ndarray of bool
-        The cells that it was learnt on.
-    step_m : float
-        Width of a cell [m].
+    `weights` (H, W): where they add up to 0 (the mean of a glacier less that of the ground around it), what
+    all cells share cancels. `learnt_on` (H, W) bool: the cells that it was learnt on. `step_m`: width of a
+    cell [m].
 
-    Examples
-    --------
     >>> white, all_cells = Variogram(4.0), np.ones((3, 3), dtype=bool)
     >>> error_of_sum(np.full((3, 3), 1.0 / 9.0), white, all_cells, 1.0)
     ErrorOfSum(std=0.667, n_free=9.0)

@@ -240,13 +240,7 @@ class ComparedGround(NamedTuple):
 
     @classmethod
     def of(cls, grid: Grid, outlines: Outlines, stable: Polygon | MultiPolygon | None) -> "ComparedGround":
-        """Rasterize outlines; without `stable`, all ground outside them counts as unchanged.
-
-        Raises
-        ------
-        InputError
-            No outline, or one that holds no cell.
-        """
+        """Rasterize outlines; without `stable`, all ground outside them counts as unchanged."""
         if not outlines:
             raise InputError("there is no outline; name at least one polygon over which to compute change.")
         x, y = grid.xy.T
@@ -269,13 +263,7 @@ class ComparedGround(NamedTuple):
 
 
 def without_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
-    """Return the unchanged cells (H, W) without blunders.
-
-    Raises
-    ------
-    InputError
-        Fewer than 100 unchanged cells.
-    """
+    """Return the unchanged cells (H, W) without blunders."""
     if stable.sum() < _N_LEAST_STABLE:
         raise InputError(
             f"both surveys know {int(stable.sum())} cells of unchanged ground; {_N_LEAST_STABLE} are needed to learn their errors, "
@@ -294,16 +282,10 @@ LEAST_KNOWN_SHARE = 0.5
 class ChangeErrors(NamedTuple):
     """Errors of a difference raster.
 
-    Parameters
-    ----------
-    relative : (H, W) ndarray
-        Standard deviation of each cell relative to the mean.
-    known, unchanged : (H, W) ndarray of bool
-        Cells that both surveys map, and those from which the errors were estimated.
-    variogram : Variogram
-        Of the errors over their relative deviation; distances on the ground.
-    is_levelled : bool
-        The mean difference of the unchanged ground was subtracted.
+    `relative` (H, W): standard deviation of each cell relative to the mean. `known`, `unchanged` (H, W) bool:
+    cells that both surveys map, and those from which the errors were estimated. `variogram`: of the errors
+    over their relative deviation; distances on the ground. `is_levelled`: the mean difference of the
+    unchanged ground was subtracted.
     """
 
     relative: FloatArray
@@ -316,12 +298,7 @@ class ChangeErrors(NamedTuple):
 class OutlineVolumes:
     """Integrals of a difference raster over outlines.
 
-    Parameters
-    ----------
-    difference : Dem
-        Later minus earlier [m].
-    errors : ChangeErrors
-        Of the same raster.
+    `difference`: later minus earlier [m]. `errors`: of the same raster.
     """
 
     def __init__(self, difference: Dem, errors: ChangeErrors) -> None:
@@ -340,13 +317,7 @@ class OutlineVolumes:
         return ground_step_m(self.difference)
 
     def over(self, name: str, shape: Polygon | MultiPolygon, inside: BoolArray) -> VolumeChange:
-        """Return the change over an outline whose cells are `inside` (H, W).
-
-        Raises
-        ------
-        InputError
-            Both surveys map less than half of the outline.
-        """
+        """Return the change over an outline whose cells are `inside` (H, W)."""
         used = inside & self.errors.known
         share = self._known_share(name, shape, inside)
         weights = np.where(used, self.ground, 0.0)

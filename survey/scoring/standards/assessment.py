@@ -370,11 +370,6 @@ def horizontal_findings(
     """Judge the horizontal errors by the NSSDA or by Edition 2, and the three-dimensional ones by the latter.
 
     Nothing is yielded for other standards, or where no checkpoint was found in the map.
-
-    Raises
-    ------
-    InputError
-        A horizontal class, and no checkpoint that was found in the map.
     """
     placed = errors.placed
     if placed is None:

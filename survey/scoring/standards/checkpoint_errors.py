@@ -263,8 +263,6 @@ def rmse_factors(n: int, level: float = 0.95) -> tuple[float, float]:
     for normal, independent errors without bias. With n − 1 in place of n on both sides it is
     the interval of a standard deviation.
 
-    Examples
-    --------
     >>> [round(factor, 4) for factor in rmse_factors(20)]
     [0.7651, 1.4441]
     """

@@ -192,8 +192,6 @@ def judge(rmse_m: float, standard: str = PAPER, *, covered_share: float = 1.0) -
 def uncovered_sentence(covered_share: float) -> str:
     """Return the sentence that says why no class is stated for a map with gaps.
 
-    Examples
-    --------
     >>> uncovered_sentence(0.942)
     'No class is stated: the map covers 94.2 % of the area, and 99.9 % are needed.'
     """
@@ -288,15 +286,7 @@ def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certif
 def own_claim(reconstruction: Reconstruction) -> list[str]:
     """Return what a map of elevation states of itself, in sentences: the check by points left out, and its classes.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        A map of elevation.
-
-    Returns
-    -------
-    list of str
-        Empty for a map that was neither tested nor has a joint covariance.
+    Returns: empty for a map that was neither tested nor has a joint covariance.
     """
     check, certified = reconstruction.check, certificate(reconstruction)
     sentences = [] if check is None else [check.sentence]
@@ -309,15 +299,7 @@ def own_claim(reconstruction: Reconstruction) -> list[str]:
 def stated_age(reconstruction: Reconstruction) -> str | None:
     """Return the motion of the ice and for how long a map holds its class, as the map states them.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        A map.
-
-    Returns
-    -------
-    str or None
-        None for a map of ground at rest.
+    Returns: None for a map of ground at rest.
     """
     facts = reconstruction.diagnostics.get(AGE)
     return None if facts is None else age_sentence(MapAge.from_facts(dict(facts)))
@@ -326,18 +308,6 @@ def stated_age(reconstruction: Reconstruction) -> str | None:
 def age_sentence(age: MapAge) -> str:
     """Return the motion of the ice and for how long the map of its epoch keeps its class.
 
-    Parameters
-    ----------
-    age : MapAge
-        Age of a map of moving ice.
-
-    Returns
-    -------
-    str
-        One sentence.
-
-    Examples
-    --------
     >>> print(*age_sentence(MapAge(3600.0, 2.0, 0.1, 0.05, 0.02, 0.3, 0.4)).split())
     the ice moves by 2.00 ± 0.10 m a day and lowers by 0.050 ± 0.020 m a day; the map is that of 1.0 h, and left as it is, it meets Class 2 (limit 0.305 m) until 3.3 h after.
     """

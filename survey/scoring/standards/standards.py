@@ -110,13 +110,6 @@ STANDARDS = {
 def standard_named(name: str) -> Standard:
     """Return a standard that judges checkpoints.
 
-    Raises
-    ------
-    ConfigError
-        An unknown name.
-
-    Examples
-    --------
     >>> standard_named("asprs-edition-2").n_least
     30
     """
@@ -141,8 +134,6 @@ _LARGEST_SMALL_SCALE = 20_000.0
 def accuracy_z(rmse_z_m: float) -> float:
     """Return the vertical accuracy at 95 % [m] (NSSDA, appendix 3-A): ``1.9600 · RMSE_z``, for normal errors without bias.
 
-    Examples
-    --------
     >>> round(accuracy_z(0.0815), 3)
     0.16
     """
@@ -156,13 +147,8 @@ def accuracy_r(rmse_x_m: float, rmse_y_m: float) -> float | None:
 
     which for equal axes is ``1.7308 · RMSE_r``.
 
-    Returns
-    -------
-    float or None
-        ``None`` where the smaller RMSE is less than 0.6 of the larger one: state both instead.
+    Returns: ``None`` where the smaller RMSE is less than 0.6 of the larger one: state both instead.
 
-    Examples
-    --------
     >>> round(accuracy_r(0.6, 1.0), 4), accuracy_r(0.5, 1.0)
     (1.9582, None)
     """
@@ -177,8 +163,6 @@ def rmse_v(fit_m: float, checkpoints_m: float) -> float:
 
     .. math::  RMSE_V = \sqrt{RMSE_{V1}^2 + RMSE_{V2}^2}
 
-    Examples
-    --------
     >>> round(rmse_v(0.070, 0.020), 4)
     0.0728
     """
@@ -188,8 +172,6 @@ def rmse_v(fit_m: float, checkpoints_m: float) -> float:
 def rmse_h(rmse_x_m: float, rmse_y_m: float, checkpoints_m: float) -> float:
     """Return the horizontal RMSE of ASPRS Edition 2 [m]; the checkpoints' error is that of one axis.
 
-    Examples
-    --------
     >>> round(rmse_h(0.04, 0.03, 0.01), 5)
     0.05196
     """
@@ -200,8 +182,6 @@ def rmse_h(rmse_x_m: float, rmse_y_m: float, checkpoints_m: float) -> float:
 def rmse_3d(rmse_h_m: float, rmse_v_m: float) -> float:
     """Return the three-dimensional RMSE of ASPRS Edition 2 [m].
 
-    Examples
-    --------
     >>> rmse_3d(0.3, 0.4)
     0.5
     """
@@ -211,8 +191,6 @@ def rmse_3d(rmse_h_m: float, rmse_v_m: float) -> float:
 def vmas(rmse_z_m: float) -> float:
     """Return the vertical error at 90 % [m] as NMAS has it, ``1.6449 · RMSE_z``: a conversion, NMAS itself counts points.
 
-    Examples
-    --------
     >>> round(vmas(1.0), 4)
     1.6449
     """
@@ -222,8 +200,6 @@ def vmas(rmse_z_m: float) -> float:
 def cmas(rmse_x_m: float, rmse_y_m: float) -> float:
     """Return the circular error at 90 % [m] as NMAS has it, for nearly equal axes: ``2.1460`` times their mean RMSE.
 
-    Examples
-    --------
     >>> round(cmas(1.0, 1.0), 3)
     2.146
     """
@@ -235,8 +211,6 @@ def nmas_horizontal_limit_m(scale: float) -> float:
 
     1/30 inch on maps larger than 1:20,000, 1/50 inch on the others.
 
-    Examples
-    --------
     >>> round(nmas_horizontal_limit_m(24_000), 1), round(nmas_horizontal_limit_m(12_000), 1)
     (12.2, 10.2)
     """
@@ -247,8 +221,6 @@ def nmas_horizontal_limit_m(scale: float) -> float:
 def asprs_1990_horizontal_limit_m(scale: float) -> float:
     """Return the limit [m] of RMSE_x and of RMSE_y for class 1 of ASPRS 1990: a quarter of a millimetre on the map.
 
-    Examples
-    --------
     >>> asprs_1990_horizontal_limit_m(500)
     0.125
     """
@@ -258,8 +230,6 @@ def asprs_1990_horizontal_limit_m(scale: float) -> float:
 def nva_limit_m(class_m: float) -> float:
     """Return the limit [m] of the non-vegetated accuracy at 95 % for a class of ASPRS 2014: ``1.96`` times the class.
 
-    Examples
-    --------
     >>> round(nva_limit_m(0.10), 3)
     0.196
     """
@@ -269,8 +239,6 @@ def nva_limit_m(class_m: float) -> float:
 def vva_limit_m(class_m: float) -> float:
     """Return the limit [m] of the vegetated 95th percentile for a class of ASPRS 2014: ``3.00`` times the class.
 
-    Examples
-    --------
     >>> round(vva_limit_m(0.10), 3)
     0.3
     """
@@ -282,8 +250,6 @@ def equivalent_intervals_m(rmse_z_m: float) -> dict[str, float]:
 
     The factor of class 2 (1.5) could not be checked against the standard's own text.
 
-    Examples
-    --------
     >>> {name: round(value, 4) for name, value in equivalent_intervals_m(0.10).items()}
     {'asprs-1990 class 1': 0.3, 'asprs-1990 class 2': 0.15, 'nmas': 0.329}
     """
@@ -297,8 +263,6 @@ def checkpoints_2014(area_km2: float) -> tuple[int, int]:
     Up to 500 km² 20 and 5; up to 2,500 km² five more of each for every 250 km² begun (rows in between could not
     be checked; both ends were); beyond, three and two more for every 500 km² begun.
 
-    Examples
-    --------
     >>> checkpoints_2014(0.36), checkpoints_2014(2500.0), checkpoints_2014(12_950.0)
     ((20, 5), (55, 45), (118, 87))
     """
@@ -318,8 +282,6 @@ def checkpoints_edition_2(area_km2: float) -> int:
 
     The steps in between, ten for every 1,000 km² begun beyond the first, could not be checked; both ends were.
 
-    Examples
-    --------
     >>> checkpoints_edition_2(0.36), checkpoints_edition_2(50_000.0)
     (30, 120)
     """

@@ -33,12 +33,7 @@ TRANSFORM_ACCURACY = 1e-12
 class FourierBox:
     """Rectangle on which the terrain is periodic: the site and a margin beyond which its opposite sides are uncorrelated.
 
-    Parameters
-    ----------
-    centre_m : (2,) ndarray
-        Centre of the site, x and y [m].
-    period_m : (2,) ndarray
-        Side lengths of the box [m].
+    `centre_m` (2,): centre of the site, x and y [m]. `period_m` (2,): side lengths of the box [m].
     """
 
     centre_m: FloatArray
@@ -106,14 +101,8 @@ class FourierBox:
 class FourierBasis:
     """Retained waves of the half plane, ordered along runs of neighbouring lattice points.
 
-    Parameters
-    ----------
-    box : FourierBox
-        Where the waves are periodic.
-    lattice : (K, 2) ndarray of int
-        Lattice points (p, q); the first is (0, 0), the constant.
-    runs : (R, 2) ndarray of int
-        First index of each run, and one past its last.
+    `box`: where the waves are periodic. `lattice` (K, 2) int: lattice points (p, q); the first is (0, 0), the
+    constant. `runs` (R, 2) int: first index of each run, and one past its last.
     """
 
     box: FourierBox
@@ -182,21 +171,12 @@ _FORGOTTEN, _MOST_IMAGES = 1e-9, 200
 class Resolution:
     """Box and waves of one map.
 
-    Parameters
-    ----------
-    bounds : (xmin, ymin, xmax, ymax)
-        The site, with its points [m].
-    covariance_basis : FourierBasis
-        Waves with a full posterior covariance; they set memory (8 m² bytes) and time (m³ operations).
-    mean_basis : FourierBasis
-        Waves of the mean, a superset, almost free.
-    tail_m2, mean_tail_m2 : float
-        Prior variance of the waves left out of each [m²]; it is treated as white noise.
-    tolerance_m : float
-        Error of the mean asked for [m]; that of the standard deviation is a tenth of it.
-    is_met : bool
-        Whether `tail_m2` is small enough for the tolerance.  If not, the discarded relief is still in the
-        predicted variance, but as noise of no extent.
+    `bounds` (xmin, ymin, xmax, ymax): the site, with its points [m]. `covariance_basis`: waves with a full
+    posterior covariance; they set memory (8 m² bytes) and time (m³ operations). `mean_basis`: waves of the
+    mean, a superset, almost free. `tail_m2`, `mean_tail_m2`: prior variance of the waves left out of each
+    [m²]; it is treated as white noise. `tolerance_m`: error of the mean asked for [m]; that of the standard
+    deviation is a tenth of it. `is_met`: whether `tail_m2` is small enough for the tolerance.  If not, the
+    discarded relief is still in the predicted variance, but as noise of no extent.
     """
 
     bounds: Bounds
@@ -285,11 +265,6 @@ def resolve(
     by less than the tolerance.  Waves are kept, strongest first, until the variance of the others is small
     beside the tolerance of the standard deviation times `sharpest_m`, the smallest standard deviation of the map:
     precise data resolve weaker waves.
-
-    Raises
-    ------
-    CapacityError
-        If the waves that fit leave out more than 2 % of the prior variance.
     """
     box = _box(kernel, bounds, sharpest_m, tolerance_m)
     largest_tail = _largest_tail_m2(sharpest_m, tolerance_m)
@@ -401,11 +376,6 @@ def resolution_for(
     The relief of the waves left out is then in the predicted variance as noise of no
     extent: right far from points, too cautious beside them, where the nearest points
     give a better bound (`variance_from_nearest`).
-
-    Raises
-    ------
-    CapacityError
-        When the waves that fit would leave out a tenth of the prior variance of the mean, or half of the spread's.
     """
     sharpest = sharpest_std_m(kernel, xy, noise_m2)
     try:

@@ -164,8 +164,6 @@ class FourierProducts(Process):
         Each is a draw from the prior, moved to the data by the answer to what it misses (Matheron's rule):
         ``f = f₀ + m(y - f₀(X) - ε)``.  It costs one solution for the mean, not a factorization.
 
-        Notes
-        -----
         Waves beyond those of the mean are not in the samples.
         """
         box, resolution = self.resolution.box, self.resolution
@@ -185,20 +183,10 @@ class FourierProducts(Process):
     def weighted_sum(self, xy: FloatArray, weights: FloatArray) -> tuple[float, float]:
         """Return the mean and standard deviation of ``Σ w_i f(x_i)``, such as the volume over a polygon.
 
-        Parameters
-        ----------
-        xy : (M, 2) ndarray
-            Quadrature nodes inside the polygon [m].
-        weights : (M,) ndarray
-            Area that each node stands for [m²].
+        `xy` (M, 2): quadrature nodes inside the polygon [m]. `weights` (M,): area that each node stands for
+        [m²]. Returns `mean, std`: volume between the terrain and its prior mean, and its standard deviation
+        [m³].
 
-        Returns
-        -------
-        mean, std : float
-            Volume between the terrain and its prior mean, and its standard deviation [m³].
-
-        Notes
-        -----
         The errors of neighbouring nodes are correlated, and that is in it; relief of the discarded waves averages
         out over any area wider than a length scale, and is not.
         """
@@ -259,21 +247,10 @@ def variance_from_nearest(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> 
     noise gives another such bound: too high beside points, where this one is tight, and
     right between swaths, where this one is too high. The smaller of the two is the better.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Prior covariance.
-    data : NoisyValues
-        The points.
-    xy : (M, 2) ndarray
-        Places [m].
+    `xy` (M, 2): places [m].
 
-    Notes
-    -----
     The mean is taken as known.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> one = NoisyValues.of(np.zeros((1, 2)), np.zeros(1), np.array([2.0]))
     >>> variance_from_nearest(SquaredExponential(4.0, 10.0), one, np.zeros((1, 2)))
@@ -315,8 +292,6 @@ class FourierGaussianProcess(FourierProducts):
 
     in the waves of `FourierBasis`, where ``K + N`` becomes the much smaller ``I + D B D``.
 
-    Notes
-    -----
     Accuracy.  With a squared exponential the mean is that of the exact process within the tolerance asked for,
     and the standard deviation within a tenth of it.  Spectra that decay slowly (Matérn, short rational
     quadratics) have no such cut: the relief of the discarded waves then is in the predicted variance as noise of
@@ -324,8 +299,6 @@ class FourierGaussianProcess(FourierProducts):
 
     Cannot do: noise that is correlated between points, places outside the box, non-stationary terrain.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> rng = np.random.default_rng(0)
     >>> xy = rng.uniform(0, 100, (50, 2))
@@ -361,33 +334,11 @@ class FourierGaussianProcess(FourierProducts):
     ) -> Self:
         """Condition the process on points.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing of the points [m].
-        values : (N,) ndarray
-            Heights above the prior mean [m].
-        sigma_m : (N,) ndarray
-            Standard deviations of the values [m], above 0; errors are independent.
-        kernel : Kernel
-            Prior covariance.
-        bounds : (xmin, ymin, xmax, ymax), optional
-            Where the process will be asked [m]; grown to hold the points.  The points' extent if left out.
-        trend : {"none", "constant", "plane"}
-            Mean with coefficients of unlimited prior variance, integrated out (universal kriging).
-        tolerance_m : float
-            Largest error of the mean that the waves may add [m]; a tenth of it for the standard deviation.
-        memory_mb : float
-            Memory that the covariance may take [MB].
-        resolution : Resolution, optional
-            Box and waves, if they are to be those of another process.
-
-        Raises
-        ------
-        InputError
-            If arrays do not fit together, hold NaN, or a standard deviation is not above 0.
-        CapacityError
-            If more waves are needed than fit into `memory_mb`.
+        `xy` (N, 2): easting and northing of the points [m]. `values` (N,): heights above the prior mean [m].
+        `sigma_m` (N,): standard deviations of the values [m], above 0; errors are independent. `bounds`
+        (xmin, ymin, xmax, ymax): where the process will be asked [m]; grown to hold the points.  The points'
+        extent if left out. `tolerance_m`: largest error of the mean that the waves may add [m]; a tenth of it
+        for the standard deviation. `memory_mb`: memory that the covariance may take [MB].
         """
         data = NoisyValues.of(xy, values, sigma_m)
         if resolution is None:
@@ -498,13 +449,7 @@ class FourierGaussianProcess(FourierProducts):
     # -- questions --------------------------------------------------------------------------------
 
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the posterior mean [m] and variance [m²] of the terrain at places (M, 2) on the site [m].
-
-        Raises
-        ------
-        InputError
-            If a place lies outside the site and its points.
-        """
+        """Return the posterior mean [m] and variance [m²] of the terrain at places (M, 2) on the site [m]."""
         xy = checked(xy, (None, 2), "places to predict")
         self.refuse_outside(xy)
         box = self.resolution.box

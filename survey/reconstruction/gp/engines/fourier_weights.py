@@ -37,18 +37,10 @@ _INNER_LOOP = _LOOP | {"no_cpython_wrapper": True}
 class WeightPosterior:
     """Covariance of the whitened weights, as one matrix less a few outer products.
 
-    Parameters
-    ----------
-    basis : FourierBasis
-        The K waves, with m = 2 K - 1 weights: K cosines, then the K - 1 sines.
-    amplitudes : (K,) ndarray
-        Prior standard deviation d of the waves [m].
-    covariance : (m, m) ndarray
-        C, of which only the lower triangle is meant.
-    log_determinant : float
-        Logarithm of the determinant of the inverse of C.
-    downdates : (m, R) ndarray
-        Columns G of later points: the covariance is ``C - G Gᵀ``.
+    `basis`: the K waves, with m = 2 K - 1 weights: K cosines, then the K - 1 sines. `amplitudes` (K,): prior
+    standard deviation d of the waves [m]. `covariance` (m, m): C, of which only the lower triangle is meant.
+    `log_determinant`: logarithm of the determinant of the inverse of C. `downdates` (m, R): columns G of
+    later points: the covariance is ``C - G Gᵀ``.
     """
 
     basis: FourierBasis
@@ -290,14 +282,9 @@ TOLERABLE = 0.05
 class MeanSystem:
     """The normal equations ``(I + D B D) z = D b`` of the weights in transform order (p >= 0; q wrapped).
 
-    Parameters
-    ----------
-    half : (int, int)
-        Largest |p| and |q| of the waves.
-    amplitudes : (nP, nQ) ndarray
-        Prior standard deviation of each complex weight; 0 where there is no wave.
-    noise_field : (n, n) ndarray
-        The inverse transform of the Gram's Toeplitz vector: the information density on a grid.
+    `half` (int, int): largest |p| and |q| of the waves. `amplitudes` (nP, nQ): prior standard deviation of
+    each complex weight; 0 where there is no wave. `noise_field` (n, n): the inverse transform of the Gram's
+    Toeplitz vector: the information density on a grid.
     """
 
     half: tuple[int, int]
@@ -369,11 +356,6 @@ class MeanSystem:
 
         The measure is the energy norm, which bounds the error of the mean anywhere by `accuracy` times the
         posterior standard deviation there.
-
-        Raises
-        ------
-        CapacityError
-            When it has not settled to a twentieth of a standard deviation.
         """
         z = start
         residual = side - self.product(z)
@@ -423,14 +405,9 @@ class FourierPreconditioner:
 class PointSums:
     """Sums over points in the normal equations of the waves; the sums of two surveys add.
 
-    Parameters
-    ----------
-    gram : (4 P + 1, 4 Q + 1) ndarray of complex
-        Transform of 1 / noise variance, out to twice the largest frequencies.
-    moments : tuple of (2 P + 1, 2 Q + 1) ndarray of complex
-        Transforms of each data column over the noise variance.
-    cross : (K, K) ndarray
-        Products of the columns, weighted by 1 / noise variance.
+    `gram` (4 P + 1, 4 Q + 1) complex: transform of 1 / noise variance, out to twice the largest frequencies.
+    `moments`: transforms of each data column over the noise variance. `cross` (K, K): products of the
+    columns, weighted by 1 / noise variance.
     """
 
     gram: ComplexArray

@@ -30,13 +30,7 @@ class NoisyValues:
 
     @classmethod
     def of(cls, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
-        """Check values (N,) and their standard deviations (N,) [m].
-
-        Raises
-        ------
-        InputError
-            If there is no point, the arrays do not fit together, hold NaN, or a standard deviation is not above 0.
-        """
+        """Check values (N,) and their standard deviations (N,) [m]."""
         xy, values, noise = checked_points(xy, values, sigma_m)
         return cls(xy, values[:, None], noise)
 
@@ -215,13 +209,9 @@ class DenseGaussianProcess(Process):
     with the noise variances N of the points.  A trend of unlimited prior variance is
     integrated out (Rasmussen and Williams 2006, Eqs. 2.41–2.42).  Made by `fit`.
 
-    Notes
-    -----
     Memory grows with N², work with N³ (and N² per place asked for): meant for some
     thousands of points, and as the standard by which faster engines are judged.
 
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> origin = np.zeros((1, 2))
     >>> gp = DenseGaussianProcess.fit(origin, np.ones(1), np.array([2.0]), SquaredExponential(4.0, 10.0))
@@ -246,15 +236,7 @@ class DenseGaussianProcess(Process):
         trend: TrendName = "none",
         memory_mb: float = MEMORY_MB,
     ) -> Self:
-        """Condition on values (N,) at the places (N, 2) [m], with a standard deviation for each (N,).
-
-        Raises
-        ------
-        CapacityError
-            When the N × N matrix would not fit the memory.
-        InputError
-            When the matrix is not positive definite in double precision.
-        """
+        """Condition on values (N,) at the places (N, 2) [m], with a standard deviation for each (N,)."""
         data = NoisyValues.of(xy, values, sigma_m)
         _refuse_beyond(memory_mb, len(data), f"{len(data)} points need", "method gp or fewer points")
         surface = PolynomialTrend(trend, FourierBox.around(data.extent(None), 1.0))

@@ -43,18 +43,9 @@ class DividedGaussianProcess(Process, Generic[Tile, Places]):
 
     Neighbouring tiles differ a little at their seam. No joint likelihood exists: `log_marginal_likelihood` is 0.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Covariance of all tiles.
-    data : NoisyValues
-        All points.
-    trend : PolynomialTrend
-        Mean surface of the site.
-    coefficients : (T,) ndarray
-        Its coefficients, from an evenly spaced part of the points.
-    progress : callable, optional
-        Called with what is done, the number of tiles done, and their number.
+    `kernel`: covariance of all tiles. `data`: all points. `trend`: mean surface of the site. `coefficients`
+    (T,): its coefficients, from an evenly spaced part of the points. `progress`: called with what is done,
+    the number of tiles done, and their number.
     """
 
     divides_site: ClassVar = True
@@ -143,25 +134,11 @@ _PASSES_OVER_TILES = 3.0
 class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
     """A process whose tiles are conditioned one after the other, when they are asked.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Covariance of all tiles.
-    data : NoisyValues
-        All points.
-    site : (xmin, ymin, xmax, ymax)
-        What the tiles divide [m].
-    n_tiles : (int, int)
-        Columns and rows of tiles.
-    trend : PolynomialTrend
-        A mean surface of the whole site.
-    coefficients : (T,) ndarray
-        Its coefficients, from a spread part of the points.
-    tolerance_m, memory_mb : float
-        As for one tile of `FourierGaussianProcess`.
+    `kernel`: covariance of all tiles. `data`: all points. `site` (xmin, ymin, xmax, ymax): what the tiles
+    divide [m]. `n_tiles` (int, int): columns and rows of tiles. `trend`: a mean surface of the whole site.
+    `coefficients` (T,): its coefficients, from a spread part of the points. `tolerance_m`, `memory_mb`: as
+    for one tile of `FourierGaussianProcess`.
 
-    Notes
-    -----
     Neighbouring tiles differ at their seam by up to the error of the halo. No joint
     likelihood exists: `log_marginal_likelihood` is 0.
     """
@@ -185,13 +162,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         memory_mb: float = 300.0,
         progress: Progress | None = None,
     ) -> Self:
-        """Choose the largest tiles that fit the memory.
-
-        Raises
-        ------
-        CapacityError
-            When not even a tile as small as its halo fits.
-        """
+        """Choose the largest tiles that fit the memory."""
         data = NoisyValues.of(xy, values, sigma_m)
         site = data.extent(bounds)
         sharpest = sharpest_std_m(kernel, data.xy, data.noise_m2)
@@ -225,13 +196,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         return mean, std
 
     def require_settled(self) -> None:
-        """Condition the tile with the most points, to check that its mean converges.
-
-        Raises
-        ------
-        CapacityError
-            It does not.
-        """
+        """Condition the tile with the most points, to check that its mean converges."""
         tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
         self._process_of(tile).predict(self.data.xy[here][:1])
 
@@ -240,13 +205,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         return {**super().record(), "n_tiles": self.n_tiles[0] * self.n_tiles[1]}
 
     def expected_s(self, x: FloatArray, y: FloatArray) -> float:  # noqa: ARG002
-        """Return the expected time [s], from that of the tile with the most points.
-
-        Raises
-        ------
-        CapacityError
-            The tile's mean does not settle.
-        """
+        """Return the expected time [s], from that of the tile with the most points."""
         tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
         began = time.perf_counter()
         self._process_of(tile).predict(self.data.xy[here][:_N_TIMED_POINTS])
@@ -341,17 +300,10 @@ class _Cut(NamedTuple):
 class SiteTree:
     """Tiles of a site.
 
-    Parameters
-    ----------
-    bounds : (K, 4) ndarray
-        West, south, east and north of every tile [m].
-    cuts : (J, 4) ndarray
-        Axis, coordinate [m] and the two following nodes of every node; axis -1 for a tile, whose number follows.
-    site : (xmin, ymin, xmax, ymax)
-        The site [m].
+    `bounds` (K, 4): west, south, east and north of every tile [m]. `cuts` (J, 4): axis, coordinate [m] and
+    the two following nodes of every node; axis -1 for a tile, whose number follows. `site` (xmin, ymin, xmax,
+    ymax): the site [m].
 
-    Examples
-    --------
     >>> tree = SiteTree.of(np.array([[1.0, 1.0], [2.0, 1.0], [9.0, 8.0]]), (0.0, 0.0, 10.0, 10.0), 2)
     >>> len(tree), tree.tile_of(np.array([[1.5, 1.0], [9.0, 9.0]]))
     (2, array([0, 1]))
@@ -439,23 +391,10 @@ _PASSES_OVER_POINTS = 1.6
 class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
     """A process whose tiles are conditioned on their 256 nearest points.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Covariance of all tiles.
-    data : NoisyValues
-        All points.
-    tree : SiteTree
-        Tiles of the site, with 48 points or fewer each.
-    trend : PolynomialTrend
-        Mean surface of the site.
-    coefficients : (T,) ndarray
-        Its coefficients, from an evenly spaced part of the points.
-    progress : callable, optional
-        Called with what is done, the number of tiles done, and their number.
+    `kernel`: covariance of all tiles. `data`: all points. `tree`: tiles of the site, with 48 points or fewer
+    each. `trend`: mean surface of the site. `coefficients` (T,): its coefficients, from an evenly spaced part
+    of the points. `progress`: called with what is done, the number of tiles done, and their number.
 
-    Notes
-    -----
     Neighbouring tiles differ a little at their seam, more so where points are sparse. The variance is that
     given the neighbours, never smaller than that given all points. There is no joint likelihood.
     """
