@@ -23,7 +23,8 @@ from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconst
 from survey.reconstruction.gp.families import Sum
 from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.gp.process import conditioned
-from survey.terrain import ice_micro_relief, random_dem, squared_exponential_field
+from survey.terrain import ice_micro_relief, random_dem
+from survey.terrain.random_fields import squared_exponential_field
 
 CRS = "EPSG:32608"
 FINE = Grid((0.0, 0.0, SIZE_M, SIZE_M), 1.0, CRS)

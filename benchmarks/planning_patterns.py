@@ -17,6 +17,9 @@ import planners
 from benchmarks.equal_error import AREA, FAMILIES, Curve, Family, RouteMaker, curve, pilot_kernel, ratios
 from benchmarks.report import Row, cpu_seconds, main
 from planners.patterns.best import INSET_SHARE
+from planners.registry import PlannerConfig, steering_of
+from planners.steered_paths import rollout
+from planners.steering import attitude_sensor
 from survey import Dem, Route
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernels import Kernel
@@ -85,9 +88,7 @@ def _bars(
         yield Row(f"{where}: wavy / inset at Class 3", to_inset[0], "x")
 
 
-def _planned(
-    config: Callable[[int], planners.PlannerConfig], kernel: Kernel | None, noise_m: float
-) -> RouteMaker:
+def _planned(config: Callable[[int], PlannerConfig], kernel: Kernel | None, noise_m: float) -> RouteMaker:
     def make(n: int, _: Sequence[Dem]) -> list[Route]:
         return [planners.plan(AREA, None, config(n), kernel=kernel, noise_m=noise_m, sample_step_m=15.0)]
 
@@ -98,7 +99,7 @@ def _shortest(kernel: Kernel, noise_m: float) -> RouteMaker:
     """Plan the shortest choice that is predicted to err no more than the plain lawnmower of so many swaths."""
 
     def make(n: int, _: Sequence[Dem]) -> list[Route]:
-        def planned(config: planners.PlannerConfig) -> Route:
+        def planned(config: PlannerConfig) -> Route:
             return planners.plan(AREA, None, config, kernel=kernel, noise_m=noise_m, sample_step_m=15.0)
 
         plain = planned(planners.LawnmowerConfig(swaths=n))
@@ -126,13 +127,13 @@ def _steered(
 
     def make(n: int, dems: Sequence[Dem]) -> list[Route]:
         config = kind(swaths=n)
-        steering = planners.steering_of(config)
+        steering = steering_of(config)
         if steering is None:
             raise TypeError(f"{kind.__name__} is not steered")
         rngs = [stream(JUDGED_SEED, "steering", n, i) for i in range(len(dems))]
         reference = planners.plan(AREA, None, config)
         sensed = [*dems[n_shifted:], *dems[:n_shifted]]
-        return planners.rollout(AREA, reference, steering, planners.attitude_sensor(sensed), rngs)
+        return rollout(AREA, reference, steering, attitude_sensor(sensed), rngs)
 
     return make
 

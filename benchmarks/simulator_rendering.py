@@ -33,7 +33,7 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.terrain import squared_exponential_field
+from survey.terrain.random_fields import squared_exponential_field
 from tests.sim.rendering.plan_view import plan_view
 from tests.sim.rendering.reference import brute_force_depth
 

@@ -2,7 +2,3 @@
 
 Estimation and planning live in `survey`, `planners` and `vision_slam`, which never import this package.
 """
-
-from survey.core.lazy import attach
-
-__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -4,7 +4,7 @@
 which is imported when it is called. Rerun has pinhole cameras only, so that a fisheye image is a little out of place.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,10 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.core.files import replacing
 from survey.data.camera import Camera
-from survey.data.frames import Frames
 from survey.data.ice_motion import ICE_MOTION, write_motion
 from survey.data.sensors.records import GpsFixes
-from survey.figures import error_over_distance, path_map, png_bytes
+from survey.figures.paths import error_over_distance, path_map
+from survey.figures.style import png_bytes
 from survey.io.tables import write_table
 from survey.io.trajectory_files import write_track, write_tum
 from vision_slam.drive_estimate import Comparison, DriveEstimate
@@ -157,7 +157,10 @@ def write_rrd(path: Path, estimate: DriveEstimate, drive: VisionRecords) -> None
         _log_path(rr, stream, estimate)
         if drive.frames is not None and drive.camera is not None:
             _log_camera(rr, stream, drive.camera)
-            _log_images(rr, stream, estimate, drive.frames, drive.camera)
+            size = drive.camera.width, drive.camera.height
+            greys = (grey_of(drive.frames[k], *size) for k in range(len(drive.frames)))
+            since_start_s = (drive.frames.time_s - estimate.time_s[0]).tolist()
+            _log_images(rr, stream, zip(since_start_s, greys, strict=True))
         _log_health(rr, stream, estimate)
         stream.flush()
         stream.disconnect()
@@ -191,10 +194,10 @@ def _log_camera(rr: Any, stream: Any, camera: Camera) -> None:
     stream.log("world/body/camera", lens, static=True)
 
 
-def _log_images(rr: Any, stream: Any, estimate: DriveEstimate, frames: Frames, camera: Camera) -> None:
-    for index, time_s in enumerate(frames.time_s.tolist()):
-        stream.set_time(_LINE, duration=time_s - estimate.time_s[0])
-        grey = grey_of(frames[index], camera.width, camera.height)
+def _log_images(rr: Any, stream: Any, images: Iterable[tuple[float, Any]]) -> None:
+    """Log grey images with the time since the first pose [s]."""
+    for since_start_s, grey in images:
+        stream.set_time(_LINE, duration=since_start_s)
         _, content = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 85])
         image = rr.EncodedImage(contents=content.tobytes(), media_type="image/jpeg")
         stream.log("world/body/camera", image)

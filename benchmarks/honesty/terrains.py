@@ -13,8 +13,10 @@ from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
-from survey.terrain import diamond_square, fractional_brownian, real_sample, smooth_interpolation
-from survey.terrain.random_fields import kernel_field
+from survey.terrain.random_fields import fractional_brownian, kernel_field
+from survey.terrain.real import real_sample
+from survey.terrain.satellite import smooth_interpolation
+from survey.terrain.synthetic import diamond_square
 
 CRS = projected_crs("EPSG:32608", "the benchmark")
 SIDE_M, CELL_M, STEP_M, MARGIN_M = 480.0, 60.0, 2.0, 60.0

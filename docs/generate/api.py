@@ -12,15 +12,13 @@ PACKAGES = (
     "survey.reconstruction",
     "survey.scoring",
     "survey.figures",
-    "survey.reporting",
     "survey.terrain",
     "planners",
     "vision_slam",
-    "sim",
     "survey",
 )
 """Packages in the order in which a name is documented: at the first that exports it."""
-_KINDS = ("Functions", "Data and results", "Settings", "Exceptions", "Other names")
+_KINDS = ("Functions", "Data and results", "Settings", "Exceptions")
 
 
 def pages() -> dict[str, str]:
@@ -35,20 +33,14 @@ def homes() -> dict[int, str]:
     found: dict[int, str] = {}
     for package in PACKAGES:
         module = import_module(package)
-        for name in module.__all__:
-            found.setdefault(key(module, name), f"{package}.{name}")
+        for name in documented(module):
+            found.setdefault(id(getattr(module, name)), f"{package}.{name}")
     return found
 
 
-def key(module: ModuleType, name: str) -> Any:
-    """Return what identifies an exported object; constants are identified by their name, as equal ones are shared."""
-    value = getattr(module, name)
-    return id(value) if callable(value) or inspect.ismodule(value) else (module.__name__, name)
-
-
-def is_documented(module: ModuleType, name: str) -> bool:
-    """Return whether a name has a page; modules have pages as packages, and the version has none."""
-    return name != "__version__" and not inspect.ismodule(getattr(module, name))
+def documented(module: ModuleType) -> list[str]:
+    """Return the names of a package that have pages: all but the version."""
+    return [name for name in module.__all__ if name != "__version__"]
 
 
 def kind(value: Any) -> str:
@@ -57,20 +49,18 @@ def kind(value: Any) -> str:
         if issubclass(value, Exception):
             return "Exceptions"
         return "Settings" if issubclass(value, BaseModel) else "Data and results"
-    return "Functions" if inspect.isroutine(value) else "Other names"
+    return "Functions"
 
 
 def package_page(package: str) -> str:
     """Return the page of a package: its names by kind, each with a page of its own or a link to it."""
     module = import_module(package)
-    documented = homes()
+    places = homes()
     own: dict[str, list[str]] = {name: [] for name in _KINDS}
     elsewhere: list[str] = []
-    for name in module.__all__:
-        if not is_documented(module, name):
-            continue
+    for name in documented(module):
         value = getattr(module, name)
-        home = documented[key(module, name)]
+        home = places[id(value)]
         if home == f"{package}.{name}":
             own[kind(value)].append(name)
         else:

@@ -33,7 +33,7 @@ from survey.core.streams import stream
 from survey.data.frames import Image, read_image
 from survey.data.grid import Grid
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
-from survey.terrain import squared_exponential_field
+from survey.terrain.random_fields import squared_exponential_field
 
 Mask = npt.NDArray[np.bool_]
 

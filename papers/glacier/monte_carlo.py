@@ -14,6 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import planners
+from planners.registry import steering_of
+from planners.steered_paths import rollout
+from planners.steering import Attitude
 from sim.montecarlo.config import GivenMap, Map, RandomKind, SearchedMap, StudyConfig
 from sim.montecarlo.results import (
     SummaryRow,
@@ -104,14 +107,14 @@ def misleading_routes(area: SurveyArea) -> dict[str, Route]:
     lawnmower = planners.plan(area, None, planners.LawnmowerConfig(swaths=4))
     wander = planners.RandomWanderConfig(swaths=4)
     reference = planners.plan(area, None, wander)
-    steering = planners.steering_of(wander)
+    steering = steering_of(wander)
     if steering is None:
         raise TypeError("the random wander is steered")
 
-    def level(_: FloatArray, heading: FloatArray) -> planners.Attitude:
-        return planners.Attitude(0.0 * heading, 0.0 * heading, heading)
+    def level(_: FloatArray, heading: FloatArray) -> Attitude:
+        return Attitude(0.0 * heading, 0.0 * heading, heading)
 
-    wandered = planners.rollout(area, reference, steering, level, [stream(SEED, "fig9")])[0]
+    wandered = rollout(area, reference, steering, level, [stream(SEED, "fig9")])[0]
     return {
         "lawnmower": lawnmower,
         "about its swaths": wandered,

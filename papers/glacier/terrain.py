@@ -18,6 +18,9 @@ from PIL import Image
 
 import planners
 import survey
+from planners.registry import steering_of
+from planners.steered_paths import rollout
+from planners.steering import attitude_sensor
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.world import RandomTerrain, SceneryConfig
 from sim.montecarlo.results import SummaryRow, write_rows
@@ -179,11 +182,11 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     world = build_world(mission)
     config = planners.PiecewiseContinuousConfig(swaths=2)
     reference = planners.plan(world.area, world.prior, config)
-    steering = planners.steering_of(config)
+    steering = steering_of(config)
     if steering is None:
         raise TypeError("the piecewise-continuous pattern is steered")
-    sense = sensed_attitude(planners.attitude_sensor(world.terrain), mission)
-    driven = planners.rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
+    sense = sensed_attitude(attitude_sensor(world.terrain), mission)
+    driven = rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
     write_quantized(
         folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven)
     )

@@ -13,7 +13,8 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
 
-from planners import PlannerConfig, Rover
+from planners import Rover
+from planners.registry import PlannerConfig
 from sim.config.rover import FleetConfig, PayloadConfig, PhysicsConfig
 from sim.config.sensors import FaultConfig, InstrumentsConfig, LidarConfig
 from sim.config.world import (

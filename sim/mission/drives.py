@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import shapely
 
-import planners
 import survey
 import vision_slam
+from planners.registry import steering_of
 from planners.routes.replanning import Loss, cut_short
 from planners.routes.rover import effort
-from planners.steered_paths import WaypointSteering
+from planners.routes.traversability import drivable
+from planners.steered_paths import WaypointSteering, rollout
+from planners.steering import attitude_sensor
 from sim.config.mission import MissionConfig
 from sim.config.sensors import faults_of
 from sim.instruments.environment import record_payload
@@ -125,7 +127,7 @@ def _steering_on_the_way(
     route: survey.Route, world: World, mission: MissionConfig, edge_m: float
 ) -> WaypointSteering | None:
     """Return what chooses the path while the rover drives, off the terrain's edge; None for patterns that are fixed before."""
-    steering = planners.steering_of(mission.planner)
+    steering = steering_of(mission.planner)
     if steering is None:
         return None
     ground = drivable_area(world, mission).free.intersection(
@@ -136,19 +138,19 @@ def _steering_on_the_way(
 
 def drivable_area(world: World, mission: MissionConfig) -> survey.SurveyArea:
     """Return the ground that the rover may drive on, by the prior."""
-    return planners.drivable(world.area, mission.rover, world.prior).within(world.area)
+    return drivable(world.area, mission.rover, world.prior).within(world.area)
 
 
 def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
     """Return the route as driven without images: steered patterns follow the attitude that the rover senses."""
-    steering = planners.steering_of(mission.planner)
+    steering = steering_of(mission.planner)
     if steering is None:
         return route
-    sense = planners.attitude_sensor(world.terrain)
+    sense = attitude_sensor(world.terrain)
     if mission.fidelity == "statistical":
         sense = sensed_attitude(sense, mission)
     area = drivable_area(world, mission)
-    return planners.rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
+    return rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
 
 
 def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> None:

@@ -17,6 +17,7 @@ import planners
 from planners.guarantee.survey_lines import fewest
 from planners.planning import planned_on, require_cover
 from planners.prediction import spread_places
+from planners.registry import planner_of
 from planners.routes.rover import Crew
 from planners.routes.traversability import drivable
 from planners.swaths.reference_lines import count_lines
@@ -130,7 +131,7 @@ def surveys_within(
     `limit_m`: largest RMSE [m].
     """
     if type(mission.planner) not in _SIZED:
-        names = " and ".join(planners.planner_of(kind(swaths=1)).name for kind in _SIZED)
+        names = " and ".join(planner_of(kind(swaths=1)).name for kind in _SIZED)
         raise ConfigError(
             f"numbers of swaths and stakes are compared for the patterns {names}, not {mission.planner.pattern}; take one of them."
         )

@@ -31,8 +31,7 @@ from survey.core.files import replacing
 from survey.core.run_folder import RunFolder
 from survey.core.streams import stream
 from survey.data.route import Route
-from survey.figures import png_bytes
-from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, styled
+from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, png_bytes, styled
 
 CAUSES = {
     "met": "class met",

@@ -23,16 +23,16 @@ from survey.data.sensors.payload import Quantity
 from survey.data.truth import Truth
 from survey.io.tables import read_table
 from survey.reconstruction.joint.drives import SeveralDrives
-from survey.reporting import (
+from survey.reporting.page import write_report
+from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
+from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
     OnBoard,
     PayloadResults,
     RoverDrive,
     SurveyResults,
-    write_report,
 )
-from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
 from vision_slam.plotting import tracks_on_frames
 
 

@@ -19,7 +19,7 @@ from pydantic import (
     Tag,
 )
 
-from planners import PlannerConfig, planner_config
+from planners.registry import PlannerConfig, planner_config
 from sim.config.mission import SCHEMA_VERSION, PlacedSection, RoverConfig, SensorConfig
 from sim.config.world import SatelliteConfig, TerrainFamily
 from survey.core.config import Section, read_toml, refuse_newer_schema, validated, with_overrides

@@ -15,6 +15,9 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from planners.prediction import places
+from planners.registry import planner_of, steering_of
+from planners.steered_paths import rollout
+from planners.steering import attitude_sensor
 from sim.config.mission import MissionConfig
 from sim.config.world import RandomTerrain
 from sim.montecarlo.config import (
@@ -141,21 +144,21 @@ def _surveyed_ideally(world: TrialTerrains, driven: Driven) -> Iterator[Trial]:
 def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     """Return the routes of a design: one for all terrains where it depends on none."""
     everyone = range(len(world.dems))
-    if planners.planner_of(design.planner).needs_kernel(design.planner):
+    if planner_of(design.planner).needs_kernel(design.planner):
         return [Driven(design, _planned(world, design, index), [index]) for index in everyone]
     route = _planned(world, design, None)
-    steering = planners.steering_of(design.planner)
+    steering = steering_of(design.planner)
     if steering is None:
         return [Driven(design, route, everyone)]
     trials = [(trial, design.label, design.swaths) for trial in world.trials]
     sense = sensed_attitudes(
-        planners.attitude_sensor(world.dems),
+        attitude_sensor(world.dems),
         world.study.sensors,
         world.study.rover.speed_m_s,
         [world.stream("sensed attitude", *trial) for trial in trials],
     )
     rngs = [world.stream("steering", *trial) for trial in trials]
-    driven = planners.rollout(world.area, route, steering, sense, rngs)
+    driven = rollout(world.area, route, steering, sense, rngs)
     return [Driven(design, route, [index]) for index, route in enumerate(driven)]
 
 

@@ -26,7 +26,8 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.io.raster import Raster, raster_header, reprojected
-from survey.terrain.satellite import ProductErrors, SatelliteDem, product_copy
+from survey.terrain.real import sample_site
+from survey.terrain.satellite import ProductErrors, SatelliteDem, product_copy, smooth_interpolation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,9 +90,9 @@ def _built(mission: MissionConfig, files: tuple[tuple[str, int, int], ...]) -> W
             terrain = _random_terrain(config, mission.seed)
             return _surveyed(mission, terrain, None)
         case SampleTerrain() as config:
-            prior, bounds = landforms.sample_site()
+            prior, bounds = sample_site()
             grid = Grid(bounds, config.step_m, prior.crs)
-            return _surveyed(mission, landforms.smooth_interpolation(prior, grid), prior.window(bounds))
+            return _surveyed(mission, smooth_interpolation(prior, grid), prior.window(bounds))
         case DemTerrain() as config:
             dem = Dem.read(mission.path(config.file), crs=config.crs, vertical_datum=config.vertical_datum)
             if config.role == "truth":
@@ -100,7 +101,7 @@ def _built(mission: MissionConfig, files: tuple[tuple[str, int, int], ...]) -> W
             step = config.step_m
             columns, rows = int((xmax - xmin) / step + 1e-9), int((ymax - ymin) / step + 1e-9)
             grid = Grid((xmin, ymax - rows * step, xmin + columns * step, ymax), step, dem.crs)
-            return _surveyed(mission, landforms.smooth_interpolation(dem, grid), dem)
+            return _surveyed(mission, smooth_interpolation(dem, grid), dem)
 
 
 def _random_terrain(config: RandomTerrain, seed: int) -> Dem:

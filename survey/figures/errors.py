@@ -36,7 +36,8 @@ from survey.figures.style import (
     symmetric_limits,
 )
 from survey.reconstruction.terrain_map import Reconstruction
-from survey.scoring import CheckpointErrors, ErrorStatistics
+from survey.scoring import ErrorStatistics
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors
 
 _HALF_HEIGHT_IN = 3.3
 

@@ -2,23 +2,3 @@
 
 Figures are drawn by `survey.figures`; scores are computed by `survey.scoring`.
 """
-
-from survey.reporting.page import write_report
-from survey.reporting.survey_results import (
-    FleetResults,
-    HazardResults,
-    OnBoard,
-    PayloadResults,
-    RoverDrive,
-    SurveyResults,
-)
-
-__all__ = [
-    "FleetResults",
-    "HazardResults",
-    "OnBoard",
-    "PayloadResults",
-    "RoverDrive",
-    "SurveyResults",
-    "write_report",
-]

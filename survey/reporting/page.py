@@ -16,7 +16,9 @@ from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
+from survey.figures.calibration import held_out_plot
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot
+from survey.figures.paths import deviation_from_route, error_over_distance
 from survey.reporting import summary as words
 from survey.reporting.quantities import named_values, setting
 from survey.reporting.rendering import Picture, animation_of, picture_of, rendered
@@ -149,7 +151,7 @@ def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if survey.reconstruction.check is not None:
         pictures["held_out"] = picture_of(
-            figures.held_out_plot(survey.reconstruction.check),
+            held_out_plot(survey.reconstruction.check),
             "Quantiles of points that were left out, and the factor on the standard deviation",
             "Points that were left out, in tenths of their predictive distribution (10 % each when the standard "
             "deviation is right), and the factor by which it is widened.",
@@ -303,7 +305,7 @@ def _path_pictures(
             "Estimated path with its 1σ ellipses, the reference, and the landmarks.",
         ),
         "path_error": picture_of(
-            figures.error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost),
+            error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost),
             "Horizontal and vertical error of the position over the distance driven, with the claimed band",
             "Error of the position against the distance driven, with the estimated standard deviation.",
         ),
@@ -325,7 +327,7 @@ def _drive_pictures(survey: SurveyResults, driven: Trajectory, estimated: FloatA
             "Planned path, driven path, and the path as estimated while driving.",
         ),
         "deviation": picture_of(
-            figures.deviation_from_route(route, *paths),
+            deviation_from_route(route, *paths),
             "Distance from the planned path over the distance driven",
             "True and estimated distance from the route.",
         ),

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from survey.data.route import Route
 from survey.reporting.quantities import TableRow, number, percent
 from survey.reporting.survey_results import FleetResults, PayloadResults, RoverDrive
-from survey.scoring import Calibration, Coverage, ErrorStatistics, Score, Verdict, judge
+from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
+from survey.scoring.standards.map_classes import Verdict, judge
 
 _STANDARDS = {
     "asprs-1990-as-in-paper": "ASPRS 1990 as read in the glacier paper",

@@ -1,4 +1,7 @@
-"""Every public type can be pickled, copied, compared and shown; the instances come from one small survey."""
+"""Every public type, and every type that public ones hold, can be pickled, copied, compared and shown.
+
+The instances come from one small survey.
+"""
 
 import copy
 import inspect
@@ -6,6 +9,7 @@ import pickle
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +20,56 @@ from pydantic import BaseModel
 
 import firnline
 from survey.core.errors import FirnlineError
+from survey.core.map_scale import MapScale
+from survey.data.recording import OdometryRecording
+from survey.data.sensors.lidar import LidarReturns, Scanner
+from survey.data.sensors.odometry import Sightings
+from survey.data.sensors.stakes import Stakes, StakeSurveys
+from survey.reconstruction.checks import HeldOut, HeldOutGroups, PredictiveCheck, PredictiveScores, RmseClaim
 from survey.reconstruction.gp.mean import DemMean
 from survey.reconstruction.joint.drives import PathCorrection
 from survey.reconstruction.method import MappedTerrain, MappingTask, ScanSettings
 from survey.reconstruction.registry import METHODS
-from survey.terrain import cosine_surface
+from survey.scoring.change.variogram import Structure
+from survey.scoring.change.volume_change import AlongFlow, FlowBalance
+from survey.scoring.coverage import NodeCounts
+from survey.terrain.synthetic import cosine_surface
 from vision_slam.odometry.health import FrameHealth
+from vision_slam.odometry.self_calibration import LensEstimate
 
 CRS = "EPSG:32608"
 TIMES = [0.0, 1.0]
-INTERFACES = {"DisplacementField", "ImageSource", "Minutes", "ScanModel", "Section", "PatternConfig"}
-"""Types that only describe others."""
-TYPES = [
-    name for name in firnline.__all__ if inspect.isclass(getattr(firnline, name)) and name not in INTERFACES
-]
+HELD = {
+    "sim.config.mission": "AreaConfig DrawnSetting MismatchConfig ScoreConfig",
+    "sim.config.rover": "FleetConfig PayloadConfig PhysicsConfig",
+    "sim.config.sensors": "BarometerConfig CompassConfig FaultConfig GpsConfig InertialConfig StakeConfig WeatherConfig WheelConfig",
+    "sim.config.world": "AppearanceConfig IceAssumptions IceConfig ImagingConfig SatelliteConfig SceneryConfig",
+    "survey.core.map_scale": "MapScale ScaleRange",
+    "survey.data.recording": "OdometryRecording",
+    "survey.data.route": "RouteSamples",
+    "survey.data.sensors.lidar": "LidarReturns Scanner",
+    "survey.data.sensors.odometry": "Sightings",
+    "survey.data.sensors.records": "Weather",
+    "survey.data.sensors.stakes": "Stakes StakeSightings StakeSurveys",
+    "survey.reconstruction.checks": "HeldOut HeldOutGroups PredictiveCheck PredictiveScores RmseClaim RmsePosterior",
+    "survey.reconstruction.joint.drives": "PathCorrection",
+    "survey.reconstruction.method": "MappedTerrain MappingTask ReconstructionMethod ScanSettings",
+    "survey.reconstruction.prior": "ErrorScale PriorErrors",
+    "survey.reconstruction.registry": "ReconstructionConfig",
+    "survey.scoring.change.coregistration": "Shift",
+    "survey.scoring.change.variogram": "Structure Variogram",
+    "survey.scoring.change.volume_change": "AlongFlow FlowBalance MassBalance",
+    "survey.scoring.coverage": "NodeCounts",
+    "survey.scoring.standards.map_classes": "Verdict",
+    "vision_slam.config": "ImageOdometryErrors",
+    "vision_slam.odometry.health": "FrameHealth",
+    "vision_slam.odometry.self_calibration": "LensEstimate",
+}
+"""Types that public ones hold, by the modules that define them."""
+KINDS: dict[str, type[Any]] = {
+    name: getattr(firnline, name) for name in firnline.__all__ if inspect.isclass(getattr(firnline, name))
+} | {name: getattr(import_module(module), name) for module, names in HELD.items() for name in names.split()}
+TYPES = list(KINDS)
 
 
 class Blank:
@@ -53,14 +93,14 @@ def sensors() -> Iterator[Any]:
         "specific_force_m_s2": vector,
     }
     for name in ("Compass", "Inertial", "LoopClosures", "StakeSightings", "Weather", "Wheels"):
-        kind = getattr(firnline, name)
+        kind = KINDS[name]
         given = {
             field.name: filled.get(field.name, np.zeros((2, *kind._shape(field.name))))
             for field in fields(kind)
         }
         yield kind(**given)
-    yield firnline.Stakes(vector, [0.1, 0.1])
-    yield firnline.StakeSurveys(TIMES, [0.0, 0.0], vector, [0.1, 0.1])
+    yield Stakes(vector, [0.1, 0.1])
+    yield StakeSurveys(TIMES, [0.0, 0.0], vector, [0.1, 0.1])
 
 
 def configurations() -> Iterator[Any]:
@@ -73,7 +113,7 @@ def configurations() -> Iterator[Any]:
         "Scanner": {"elevation_deg": (0.0,), "n_columns": 4}, "PayloadConfig": {"name": "albedo", "unit": "1"}, "DrawnSetting": {"setting": "rover.pitch_deg", "between": (0.0, 1.0)},
     }  # fmt: skip
     for name in TYPES:
-        kind = getattr(firnline, name)
+        kind = KINDS[name]
         if issubclass(kind, BaseModel) and name != "MissionConfig":
             yield kind(**needed.get(name, {}))
     yield firnline.MissionConfig(
@@ -87,7 +127,7 @@ def configurations() -> Iterator[Any]:
 def errors() -> Iterator[FirnlineError]:
     """Yield one of each error."""
     for name in TYPES:
-        kind = getattr(firnline, name)
+        kind = KINDS[name]
         if issubclass(kind, FirnlineError):
             yield kind("the file is empty; get it again.")
 
@@ -121,43 +161,41 @@ def others() -> Iterator[Any]:
     yield firnline.Frames(TIMES, Blank())
     yield PathCorrection(np.array(TIMES), np.zeros((2, 3)), np.zeros((2, 3, 3)))
     odometry = firnline.Odometry(TIMES, [[1.0, 0.0, 0.0]], np.zeros((2, 3)))
-    sightings = firnline.Sightings([0], [[1.0, 0.0, 0.0]], np.eye(3)[None], [1.0])
+    sightings = Sightings([0], [[1.0, 0.0, 0.0]], np.eye(3)[None], [1.0])
     yield firnline.VisualOdometry(odometry, sightings, (FrameHealth(1.0, 0.0, 2.0),), np.array([False, True]))
     gps = firnline.GpsFixes(TIMES, np.zeros((2, 3)))
-    yield firnline.OdometryRecording(CRS, np.zeros(3), gps=gps, odometry=odometry, sightings=sightings)
+    yield OdometryRecording(CRS, np.zeros(3), gps=gps, odometry=odometry, sightings=sightings)
     yield METHODS["tin"]
-    yield firnline.MapScale.over(CRS, (499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0))
+    yield MapScale.over(CRS, (499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0))
     yield ScanSettings()
-    yield firnline.NodeCounts(1, 2, 3)
+    yield NodeCounts(1, 2, 3)
     yield firnline.RunFolder(Path("runs") / "small" / "1")
     yield DemMean(firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 1.0), 1.0), np.zeros((2, 3))))
     yield firnline.GaussianProcessConfig(fit=False, variance_m2=1.0, length_scale_m=9.0).stated_kernel()
     yield firnline.SatelliteErrors().model()
-    yield firnline.RmseClaim.of(np.eye(3), np.ones(3))
-    scores = firnline.PredictiveScores.of(np.array([0.1, -0.3]), np.array([0.1, 0.1]))
-    yield firnline.PredictiveCheck("discs", 2, scores, scores, (1.0,), (2.0,), (0.5,), (1.0,))
+    yield RmseClaim.of(np.eye(3), np.ones(3))
+    scores = PredictiveScores.of(np.array([0.1, -0.3]), np.array([0.1, 0.1]))
+    yield PredictiveCheck("discs", 2, scores, scores, (1.0,), (2.0,), (0.5,), (1.0,))
     none = np.zeros(0)
-    groups = firnline.HeldOutGroups(none, none, none, none, np.zeros((0, 0)))
-    yield firnline.HeldOut("discs", 2, none, none, none, none, groups)
-    yield firnline.Structure("spherical", 30.0, 0.25)
-    yield firnline.Certificate(firnline.RmseClaim.of(np.eye(3), np.ones(3)), (), (), is_tested=True)
+    groups = HeldOutGroups(none, none, none, none, np.zeros((0, 0)))
+    yield HeldOut("discs", 2, none, none, none, none, groups)
+    yield Structure("spherical", 30.0, 0.25)
+    yield firnline.Certificate(RmseClaim.of(np.eye(3), np.ones(3)), (), (), is_tested=True)
     yield firnline.Surroundings(speed_m_s=1.0)
     yield firnline.IceMotion(np.array([[2.0], [0.0], [0.1]]), 0.0, np.zeros(2), np.eye(3))
-    balance = firnline.FlowBalance("ice", -0.8, 0.1, 0.3, 0.2, -0.5, 0.2, 80.0)
+    balance = FlowBalance("ice", -0.8, 0.1, 0.3, 0.2, -0.5, 0.2, 80.0)
     flat, shift = (
         firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 2.0), 1.0), np.zeros((3, 3))),
         np.zeros((2, 3, 3)),
     )
-    yield firnline.AlongFlow(flat, np.ones((3, 3)), shift, shift, (balance,))
+    yield AlongFlow(flat, np.ones((3, 3)), shift, shift, (balance,))
     yield from (balance, firnline.Thickness(80.0))
     camera = firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
-    returns = firnline.LidarReturns(
-        *(np.zeros(1, kind) for kind in (np.uint32, np.uint16, np.uint8, np.uint32))
-    )
-    scanner = firnline.Scanner(elevation_deg=(0.0,), n_columns=4)
+    returns = LidarReturns(*(np.zeros(1, kind) for kind in (np.uint32, np.uint16, np.uint8, np.uint32)))
+    scanner = Scanner(elevation_deg=(0.0,), n_columns=4)
     yield from (returns, firnline.BeamErrors(0.03), firnline.LidarScans(scanner, TIMES, (returns,)))
     yield firnline.SensorScan(np.zeros(1), np.zeros((1, 3)), np.zeros(3))
-    yield firnline.LensEstimate(camera, False, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, "no turn")
+    yield LensEstimate(camera, False, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, "no turn")
 
 
 def parts(value: Any) -> Iterator[Any]:
@@ -182,7 +220,7 @@ def instances() -> dict[str, Any]:
             found.extend(parts(value))
     result = {}
     for name in TYPES:
-        kind = getattr(firnline, name)
+        kind = KINDS[name]
         exact = [value for value in found if type(value) is kind]
         result[name] = next(iter(exact or [value for value in found if isinstance(value, kind)]), None)
     return result

@@ -17,13 +17,13 @@ from planners import (
     WavyConfig,
     plan,
     predict_error,
-    rollout,
-    steering_of,
     terrain_kernel,
 )
 from planners.capacity import MOST_LINES
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
+from planners.registry import steering_of
+from planners.steered_paths import rollout
 from survey import CapacityError, Dem, SurveyArea
 from survey.reconstruction.gp.kernels import SquaredExponential
 

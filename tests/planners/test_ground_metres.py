@@ -3,9 +3,10 @@ import pyproj
 import pytest
 import shapely
 
-from planners import LawnmowerConfig, Rover, WavyConfig, drivable, plan
+from planners import LawnmowerConfig, Rover, WavyConfig, plan
 from planners.config import in_grid_metres, settings_factor
 from planners.routes.rover import Crew, crew_in_grid_metres
+from planners.routes.traversability import drivable
 from survey import Dem, Grid, SurveyArea
 from survey.core.transformation import transformed
 

@@ -9,13 +9,13 @@ from planners import (
     BestConfig,
     LawnmowerConfig,
     PiecewiseContinuousConfig,
-    PlannerConfig,
     RandomWanderConfig,
     Rover,
     VarianceDrivenConfig,
     WavyConfig,
     plan,
 )
+from planners.registry import PlannerConfig
 from survey import Dem, Grid, Route, SurveyArea
 from survey.reconstruction.gp.kernels import SquaredExponential
 

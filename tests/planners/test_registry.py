@@ -2,14 +2,16 @@ import pytest
 from pydantic import TypeAdapter
 
 import planners
-from planners import PLANNERS, LawnmowerConfig, PatternConfig, PlannerConfig, planner_config, planner_of
+from planners import LawnmowerConfig
+from planners.config import PatternConfig
+from planners.registry import PLANNERS, PlannerConfig, pattern_names, planner_config, planner_of, steering_of
 from survey import ConfigError, SurveyArea
 
 SITE = SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), "EPSG:32608")
 
 
 def test_names_are_distinct_and_those_of_the_configurations():
-    names = planners.pattern_names()
+    names = pattern_names()
     assert len(set(names)) == len(names) == len(PLANNERS)
     assert names == tuple(entry.config.model_fields["pattern"].default for entry in PLANNERS)
 
@@ -46,8 +48,8 @@ def test_unknown_patterns_and_settings_are_refused_by_name():
 
 
 def test_only_patterns_that_say_so_are_steered_or_need_a_kernel():
-    assert planners.steering_of(LawnmowerConfig(swaths=2)) is None
-    assert planners.steering_of(planners.RandomWanderConfig(swaths=2)) is not None
+    assert steering_of(LawnmowerConfig(swaths=2)) is None
+    assert steering_of(planners.RandomWanderConfig(swaths=2)) is not None
     assert planner_of(planners.WavyConfig(swaths=2)).needs_kernel(planners.WavyConfig(swaths=2))
     given = planners.WavyConfig(swaths=2, wavelength_m=90.0)
     assert not planner_of(given).needs_kernel(given)

@@ -70,7 +70,7 @@ def calibrate(
     from firnline.cli.outputs import refuse_existing
     from firnline.cli.progress import counted
     from survey.core.files import replacing
-    from survey.figures import png_bytes
+    from survey.figures.style import png_bytes
     from vision_slam.calibration.calibrate import calibrate as calibrated
     from vision_slam.calibration.calibrate import calibration_figure
     from vision_slam.readers.images import image_files

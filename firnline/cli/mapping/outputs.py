@@ -62,7 +62,8 @@ def _area_text(area: Path | None) -> str:
 
 def _draw(result: survey.Reconstruction, out: Path) -> None:
     """Write pictures of mean, standard deviation and support; large maps have none, and a log entry says so."""
-    from survey.figures import deviation_map, png_bytes, support_map, survey_map
+    from survey.figures import deviation_map, support_map, survey_map
+    from survey.figures.style import png_bytes
 
     if result.quantity != ELEVATION:
         return
@@ -84,8 +85,8 @@ def _draw(result: survey.Reconstruction, out: Path) -> None:
 
 def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
     """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
-    from survey.figures import png_bytes
     from survey.figures.maps import width_map
+    from survey.figures.style import png_bytes
     from survey.reconstruction.hazards import steep_ground
 
     if result.lower is None or result.upper is None:

@@ -144,8 +144,8 @@ def _facts(job: TiledJob) -> dict[str, str]:
 
 
 def _draw(result: TiledResult, out: Path) -> None:
-    from survey.figures import png_bytes
     from survey.figures.calibration import withheld_plot
+    from survey.figures.style import png_bytes
 
     figure = withheld_plot(result.test.reliability, result.coverage.share, result.coverage.bounds)
     (out / "withheld.png").write_bytes(png_bytes(figure))

@@ -15,6 +15,7 @@ from firnline.cli.planning.request import PlanRequest
 if TYPE_CHECKING:
     import planners
     import survey
+    from planners.routes.traversability import LeftOut
     from survey.core.arrays import Progress
     from survey.reconstruction.gp.kernels import Kernel
 
@@ -32,7 +33,7 @@ class AreaPlan:
     rover: "planners.Rover"
     kernel: "Kernel | None"
     route: "survey.Route"
-    left_out: "tuple[planners.LeftOut, ...]"
+    left_out: "tuple[LeftOut, ...]"
 
     @property
     def drawing(self) -> PlanDrawing:
@@ -71,6 +72,7 @@ def area_plan(
 ) -> AreaPlan:
     """Plan a route with the sections that `checked_options` returns."""
     import planners
+    from planners.routes.traversability import drivable
 
     route = planners.plan(
         area,
@@ -81,7 +83,7 @@ def area_plan(
         kernel=kernel,
         progress=progress,
     )
-    left_out = planners.drivable(area, config.rover, prior).left_out
+    left_out = drivable(area, config.rover, prior).left_out
     return AreaPlan(area, prior, config.rover, kernel, route, left_out)
 
 
@@ -96,10 +98,11 @@ def checked_options(request: PlanRequest) -> Any:
 def _sections_model() -> Any:
     """Return the class of the sections that an area is planned with; made once, which takes a while."""
     import planners
+    from planners.registry import PlannerConfig
     from survey.core.config import Section
 
     class Wanted(Section):
-        planner: planners.PlannerConfig
+        planner: PlannerConfig
         rover: planners.Rover = planners.Rover()
         fleet: planners.Fleet = planners.Fleet()
 
@@ -134,7 +137,7 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
 
 def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
     """Return the likeliest covariance of the prior; None, with the reason on stderr, where it is too coarse."""
-    from survey.core.errors import InputError
+    from survey import InputError
 
     try:
         return prior_kernel(dem, area)

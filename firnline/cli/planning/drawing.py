@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import planners
     import survey
+    from planners.routes.traversability import LeftOut
     from survey.reconstruction.gp.kernels import Kernel
 
 _NODES_ALONG = 60
@@ -20,7 +21,7 @@ class PlanDrawing:
     kernel: "Kernel | None" = None
     noise_m: float = 0.0
     rover: "planners.Rover | None" = None
-    left_out: "tuple[planners.LeftOut, ...]" = ()
+    left_out: "tuple[LeftOut, ...]" = ()
     assumptions: tuple[str, ...] = field(default_factory=tuple)
 
     @property

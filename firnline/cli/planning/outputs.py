@@ -66,16 +66,15 @@ def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
 
 
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
-    from survey import figures
     from survey.core.replacement import replacing_files
+    from survey.figures import plan_map
+    from survey.figures.style import png_bytes
 
     pieces = [piece.polygon for piece in drawing.left_out]
-    figure = figures.plan_map(
-        drawing.area, route, terrain=drawing.terrain, std=drawing.std(route), left_out=pieces
-    )
+    figure = plan_map(drawing.area, route, terrain=drawing.terrain, std=drawing.std(route), left_out=pieces)
     with replacing_files(request.out, request.files["picture"]) as (route_file, picture_file):
         route.write(route_file)
-        picture_file.write_bytes(figures.png_bytes(figure))
+        picture_file.write_bytes(png_bytes(figure))
 
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:

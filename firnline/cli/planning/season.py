@@ -118,12 +118,12 @@ def _write(
     request: PlanRequest, design: "SeasonDesign", area: "survey.SurveyArea", prior: "survey.Dem"
 ) -> None:
     """Write route, map, table and errors; all replace what was there, or none does."""
-    from survey import figures
     from survey.core.replacement import replacing_files
-    from survey.figures.plans import season_plot
+    from survey.figures.plans import plan_map, season_plot
+    from survey.figures.style import png_bytes
 
     drawing = drawing_of(area, prior)
-    chart = figures.plan_map(area, design.route, terrain=drawing.terrain)
+    chart = plan_map(area, design.route, terrain=drawing.terrain)
     errors: dict[int, list[tuple[int, float]]] = {}
     for one in design.options:
         errors.setdefault(one.n_stakes, []).append((one.n_swaths, one.error))
@@ -132,9 +132,9 @@ def _write(
     plot = season_plot(errors, design.config.wanted, chosen, parts, design.config.unit)
     with replacing_files(*request.files.values()) as (route_file, picture_file, table_file, errors_file):
         design.route.write(route_file)
-        picture_file.write_bytes(figures.png_bytes(chart))
+        picture_file.write_bytes(png_bytes(chart))
         table_file.write_text(_table(design), encoding="utf-8")
-        errors_file.write_bytes(figures.png_bytes(plot))
+        errors_file.write_bytes(png_bytes(plot))
 
 
 def _table(design: "SeasonDesign") -> str:

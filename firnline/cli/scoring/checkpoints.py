@@ -12,7 +12,9 @@ from firnline.cli.scoring.request import ScoreRequest
 
 if TYPE_CHECKING:
     from survey import Dem, Reconstruction, SurveyArea
-    from survey.scoring import CheckpointErrors, Checkpoints, CheckpointScore
+    from survey.scoring import Checkpoints
+    from survey.scoring.standards.assessment import CheckpointScore
+    from survey.scoring.standards.checkpoint_errors import CheckpointErrors
 
 
 def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:

@@ -17,8 +17,8 @@ def map_of(source: Path, crs: str | None = None, epoch_s: float | None = None) -
     import survey
     from survey.data.ice_motion import ICE_MOTION, read_motion
     from survey.io.raster import band_count
-    from survey.reconstruction import INTERPOLATED
     from survey.reconstruction.motion.epoch import at_epoch
+    from survey.reconstruction.terrain_map import INTERPOLATED
 
     if source.is_dir():
         own = survey.Reconstruction.read(source)

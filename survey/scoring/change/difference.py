@@ -78,7 +78,8 @@ def change(
     level : bool
         Subtract the mean difference of the unchanged ground; its own error is counted.
     flow : DisplacementField, optional
-        Displacement of the ice between the surveys: adds the change along the flow and the divergence of the flux.
+        Displacement of the ice between the surveys, of a type in `survey.scoring.change.displacements`: adds the change along
+        the flow and the divergence of the flux.
     thickness : Thickness, optional
         Of the ice, for that divergence; from the slope of the surface, within a factor of two, where left out.
 

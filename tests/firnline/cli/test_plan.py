@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import planners
 from firnline.cli.main import app
+from planners.registry import pattern_names
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.transformation import transformed
 
@@ -223,7 +224,7 @@ def test_a_failing_picture_leaves_the_old_route_and_picture(monkeypatch):
     def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("survey.figures.png_bytes", full)
+    monkeypatch.setattr("survey.figures.style.png_bytes", full)
     CliRunner().invoke(app, ["plan", "site.gpkg", "--swaths", "4", "--force", "-q"])
     assert {name: Path(name).read_bytes() for name in before} == before
 
@@ -266,7 +267,7 @@ def test_a_million_swaths_are_refused_with_the_most_that_can_be_planned():
 
 def test_an_unknown_pattern_lists_those_of_the_registry():
     _, err = planned("site.gpkg", "--pattern", "spiral", "--swaths", "3", code=4)
-    for name in planners.pattern_names():
+    for name in pattern_names():
         assert name in err
 
 

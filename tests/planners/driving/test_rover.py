@@ -15,12 +15,12 @@ from planners import (
     Rover,
     VarianceDrivenConfig,
     WavyConfig,
-    attitude_sensor,
-    drivable,
     plan,
-    rollout,
-    steering_of,
 )
+from planners.registry import steering_of
+from planners.routes.traversability import drivable
+from planners.steered_paths import rollout
+from planners.steering import attitude_sensor
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.reconstruction.gp.kernels import SquaredExponential
 

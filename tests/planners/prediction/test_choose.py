@@ -3,8 +3,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import BestConfig, ErrorModel, LawnmowerConfig, choose, plan
-from planners.patterns.best import INSET_SHARE
+from planners import BestConfig, LawnmowerConfig, plan
+from planners.patterns.best import INSET_SHARE, choose
+from planners.prediction import ErrorModel
 from planners.swaths.reference_lines import narrowest_heading
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated

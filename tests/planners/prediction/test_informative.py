@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 import shapely
 
-from planners import ErrorModel, VarianceDrivenConfig, plan
+from planners import VarianceDrivenConfig, plan
 from planners.patterns.variance_driven import variance_driven
+from planners.prediction import ErrorModel
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated
 from survey.reconstruction.gp.kernels import SquaredExponential

@@ -4,10 +4,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import ErrorModel, LawnmowerConfig, WavyConfig, plan, predict_error, terrain_kernel
+from planners import LawnmowerConfig, WavyConfig, plan, predict_error, terrain_kernel
+from planners.prediction import ErrorModel
 from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
-from survey.terrain import squared_exponential_field
+from survey.terrain.random_fields import squared_exponential_field
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

@@ -4,18 +4,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import (
-    Attitude,
-    LawnmowerConfig,
-    PiecewiseContinuousConfig,
-    RandomWanderConfig,
-    SteeringState,
-    attitude_sensor,
-    plan,
-    rollout,
-    steering_of,
-)
-from planners.steered_paths import Band
+from planners import LawnmowerConfig, PiecewiseContinuousConfig, RandomWanderConfig, plan
+from planners.registry import steering_of
+from planners.steered_paths import Band, rollout
+from planners.steering import Attitude, SteeringState, attitude_sensor
 from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.core.config import validated
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import shapely
 
-from planners import Attitude, Band, attitude_sensor
+from planners.steered_paths import Band
+from planners.steering import Attitude, attitude_sensor
 from survey import Dem, Grid, InputError
 
 FIELD = shapely.box(0.0, 0.0, 100.0, 60.0)

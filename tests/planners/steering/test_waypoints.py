@@ -3,16 +3,10 @@
 import numpy as np
 import pytest
 
-from planners import (
-    Attitude,
-    PiecewiseContinuousConfig,
-    RandomWanderConfig,
-    attitude_sensor,
-    plan,
-    rollout,
-    steering_of,
-)
-from planners.steered_paths import WaypointSteering
+from planners import PiecewiseContinuousConfig, RandomWanderConfig, plan
+from planners.registry import steering_of
+from planners.steered_paths import WaypointSteering, rollout
+from planners.steering import Attitude, attitude_sensor
 from survey import Dem, Grid, Route, SurveyArea
 
 CRS = "EPSG:32608"

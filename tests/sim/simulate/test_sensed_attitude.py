@@ -4,6 +4,7 @@ import numpy as np
 
 import planners
 from planners import PiecewiseContinuousConfig
+from planners.steering import Attitude
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
 from sim.mission.drives import _steering_on_the_way, steered
@@ -13,8 +14,8 @@ from sim.world.site import build_world
 NO_ERRORS = {"tilt_sigma_deg": 0.0, "gps_bias_sigma_m": 0.0}
 
 
-def level(_: np.ndarray, heading: np.ndarray) -> planners.Attitude:
-    return planners.Attitude(0.0 * heading, 0.0 * heading, heading)
+def level(_: np.ndarray, heading: np.ndarray) -> Attitude:
+    return Attitude(0.0 * heading, 0.0 * heading, heading)
 
 
 def mission(fidelity: str = "statistical", **sensors: float) -> MissionConfig:
@@ -47,7 +48,7 @@ def test_roll_and_pitch_err_by_their_stated_size_over_their_stated_length() -> N
 def test_ground_is_sensed_at_the_real_place() -> None:
     places = []
 
-    def sense(xy: np.ndarray, heading: np.ndarray) -> planners.Attitude:
+    def sense(xy: np.ndarray, heading: np.ndarray) -> Attitude:
         places.append(xy[0].copy())
         return level(xy, heading)
 
@@ -99,7 +100,7 @@ def test_a_mission_in_images_chooses_a_steered_path_while_it_drives_off_the_terr
     steering = _steering_on_the_way(route, world, config, 3.0)
     assert steering is not None
     _, south, _, north = world.terrain.bounds
-    left_up = planners.Attitude(np.array([0.2]), np.zeros(1), np.zeros(1))
+    left_up = Attitude(np.array([0.2]), np.zeros(1), np.zeros(1))
     places = [steering.start]
     while (stretch := steering.next_stretch(left_up)) is not None:
         places += list(stretch)

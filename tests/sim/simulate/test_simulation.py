@@ -6,7 +6,8 @@ import pytest
 from sim.config.mission import AidsConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.simulate.simulation import simulate
-from survey import ConfigError, Dem, Grid, Leg, Recording, Route
+from survey import ConfigError, Dem, Grid, Leg, Route
+from survey.data.recording import Recording
 
 GRID = Grid((0.0, 0.0, 40.0, 40.0), 2.0)
 FLAT = Dem.on(GRID, np.zeros(GRID.shape))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import planners
+from planners.registry import steering_of
 from planners.steered_paths import WaypointSteering
 from sim.config.rover import PhysicsConfig
 from sim.simulate.navigation import PoseEstimate, SensedTilt, SteeredPath
@@ -24,7 +25,7 @@ CONFIG = planners.PiecewiseContinuousConfig(swaths=1, step_m=4.0, toggle_probabi
 
 def steering(seed: int = 1) -> WaypointSteering:
     reference = planners.plan(AREA, None, CONFIG)
-    return WaypointSteering(reference, planners.steering_of(CONFIG), AREA.free, np.random.default_rng(seed))
+    return WaypointSteering(reference, steering_of(CONFIG), AREA.free, np.random.default_rng(seed))
 
 
 def swath_frame() -> tuple[np.ndarray, np.ndarray]:

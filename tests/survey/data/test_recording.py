@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from survey import Camera, Frames, InputError, Recording
-from survey.data.frames import FrameWriter
+from survey import InputError
+from survey.data.camera import Camera
+from survey.data.frames import Frames, FrameWriter
+from survey.data.recording import Recording
 from survey.data.sensors.records import GpsFixes, Inertial, Wheels
 from survey.data.sensors.stakes import Stakes, StakeSightings
 

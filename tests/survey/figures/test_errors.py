@@ -7,13 +7,8 @@ from affine import Affine
 from survey.core.errors import InputError
 from survey.core.text import round_number
 from survey.data.dem import Dem
-from survey.figures import (
-    calibration_plot,
-    error_against_distance,
-    error_histogram,
-    error_map,
-    height_error,
-)
+from survey.figures import calibration_plot, error_against_distance, error_histogram, error_map
+from survey.figures.errors import height_error
 from survey.figures.style import symmetric_limits
 
 

@@ -9,10 +9,10 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
-from survey.figures import deviation_map, landmark_map, png_bytes, support_map, survey_map, terrain_comparison
+from survey.figures import deviation_map, landmark_map, support_map, survey_map, terrain_comparison
 from survey.figures.layout import view
 from survey.figures.map_layers import elevation_limits, relief_exaggeration, thinned
-from survey.figures.style import ROVERS
+from survey.figures.style import ROVERS, png_bytes
 
 
 def rasters(axes):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import EllipseCollection
 
-from survey.figures import error_over_distance, path_map
+from survey.figures import path_map
+from survey.figures.paths import error_over_distance
 
 PATH = np.column_stack([np.linspace(0.0, 200.0, 41), np.zeros(41), np.zeros(41)]) + [5e5, 6e6, 100.0]
 

@@ -9,13 +9,9 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction import (
-    MEASURED,
-    UNSEEN,
-    ConstantMean,
-    GaussianProcessConfig,
-    reconstruct,
-)
+from survey.reconstruction import GaussianProcessConfig, reconstruct
+from survey.reconstruction.gp.mean import ConstantMean
+from survey.reconstruction.terrain_map import MEASURED, UNSEEN
 
 CRS = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 100.0, 100.0), 2.0, CRS)

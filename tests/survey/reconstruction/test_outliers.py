@@ -3,7 +3,8 @@
 import numpy as np
 
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction import GaussianProcessConfig, GaussianProcessTerrain
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.observations import Outliers
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from survey import Dem
 from survey.data.sensors.payload import Quantity
-from survey.reporting import FleetResults, HazardResults, PayloadResults, RoverDrive, write_report
+from survey.reporting.page import write_report
 from survey.reporting.summary import fleet_rows, payload_rows
+from survey.reporting.survey_results import FleetResults, HazardResults, PayloadResults, RoverDrive
 from tests.survey.reporting.test_page import Outline, surveyed
 
 WARM = Quantity(name="air_temperature", unit="degC", noise_sd=0.1)

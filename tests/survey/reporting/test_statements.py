@@ -5,7 +5,8 @@ import pytest
 
 from survey import ConfigError
 from survey.reporting.statements import LANGUAGES, statement, template
-from survey.scoring import CheckpointErrors, Spread, score_at
+from survey.scoring import score_at
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread
 from survey.scoring.standards.standards import STANDARDS
 
 EVEN = Spread((0.25, 0.25, 0.25, 0.25), 0.1, 1e6)

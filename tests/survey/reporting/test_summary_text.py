@@ -12,7 +12,8 @@ from survey.reporting.quantities import (
     setting,
 )
 from survey.reporting.summary import calibration_sentence, conditions, score_rows, verdict_sentence
-from survey.scoring import Calibration, judge
+from survey.scoring import Calibration
+from survey.scoring.standards.map_classes import judge
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 import rasterio
 
 from survey.core.errors import ConfigError, InputError
-from survey.scoring import Calibration, ErrorStatistics, judge, map_classes
+from survey.scoring import Calibration, ErrorStatistics, map_classes
+from survey.scoring.standards.map_classes import judge
 
 
 def test_statistics_by_hand() -> None:

@@ -9,7 +9,8 @@ from survey.core.errors import InputError
 from survey.core.map_scale import scale_factors
 from survey.data.area import SurveyArea
 from survey.data.route import Leg, Route
-from survey.scoring import Coverage, SampleCells, centeredness, distribution, science_coverage
+from survey.scoring import Coverage
+from survey.scoring.coverage import SampleCells, centeredness, distribution, science_coverage
 
 UTM = CRS("EPSG:32608")
 

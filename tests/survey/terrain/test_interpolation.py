@@ -8,7 +8,9 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.terrain import random_dem, real_sample, sample_site, satellite_copy, smooth_interpolation
+from survey.terrain import random_dem, satellite_copy
+from survey.terrain.real import real_sample, sample_site
+from survey.terrain.satellite import smooth_interpolation
 
 
 def plane(grid: Grid) -> Dem:

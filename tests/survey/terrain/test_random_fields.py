@@ -9,14 +9,13 @@ from sim.config.world import TerrainFamily
 from survey.core.errors import ConfigError, InputError
 from survey.data.grid import Grid
 from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.terrain import (
+from survey.terrain import matern_field, random_dem
+from survey.terrain.random_fields import (
     fractional_brownian,
-    matern_field,
-    random_dem,
+    kernel_field,
     spectral_field,
     squared_exponential_field,
 )
-from survey.terrain.random_fields import kernel_field
 
 FAMILIES = get_args(TerrainFamily)
 SITE = Grid((0.0, 0.0, 600.0, 600.0), 10.0)

@@ -21,8 +21,9 @@ from survey.data.camera import Camera
 from survey.data.recording import Readings, Recording
 from survey.data.sensors.records import Inertial
 from tests.sim.simulate.test_vision import ground, route
-from vision_slam import LocalizationConfig, visual_odometry
+from vision_slam import LocalizationConfig
 from vision_slam.odometry.onboard import read_visual_odometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 
 WAY = route((6.0, 12.0), (10.5, 12.0), (10.5, 14.0))
 

@@ -10,7 +10,9 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction import FunctionMean, GaussianProcessConfig, GaussianProcessTerrain
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.mean import FunctionMean
 
 CRS = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 120.0, 100.0), 4.0, CRS)

@@ -11,7 +11,8 @@ from survey import Dem, Grid, InputError, SurveyArea
 from survey.core.transformation import transformed
 from survey.data.route import Leg, Route
 from survey.io.vector import write_features
-from survey.scoring import Checkpoints, Spread, compare, design_checkpoints
+from survey.scoring import Checkpoints, compare, design_checkpoints
+from survey.scoring.standards.checkpoint_errors import Spread
 from survey.scoring.standards.checkpoints import control_places
 
 UTM = "EPSG:32608"
