@@ -87,15 +87,9 @@ _LEAST_NOISE = 1e-3
 class PredictedError:
     """Predicted error of a map, given the covariance of the terrain.
 
-    Parameters
-    ----------
-    std : Dem
-        Standard deviation in the cells of a coarse grid [m]: the root mean square over the free ground of the cell;
-        NaN off the free ground.
-    rmse_m : float
-        Expected root mean square error over the area [m].
-    p95_m, worst_m : float
-        95th percentile and largest value of the standard deviation [m].
+    `std`: standard deviation in the cells of a coarse grid [m]: the root mean square over the free ground of
+    the cell; NaN off the free ground. `rmse_m`: expected root mean square error over the area [m]. `p95_m`,
+    `worst_m`: 95th percentile and largest value of the standard deviation [m].
     """
 
     std: Dem
@@ -114,18 +108,9 @@ class ErrorModel:
     for the unknown constant mean, which is integrated out. Nodes are spread over the area
     in no step with the swaths.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        Where the map is wanted.
-    grid : Grid
-        Centres of the cells in which the standard deviation is drawn.
-    kernel : Kernel
-        Covariance of the terrain [m²], with lengths in grid metres.
-    noise_m : float
-        Standard deviation of a sample [m].
-    sample_step_m : float
-        Distance between samples, in grid metres.
+    `area`: where the map is wanted. `grid`: centres of the cells in which the standard deviation is drawn.
+    `kernel`: covariance of the terrain [m²], with lengths in grid metres. `noise_m`: standard deviation of a
+    sample [m]. `sample_step_m`: distance between samples, in grid metres.
     """
 
     area: SurveyArea
@@ -146,31 +131,8 @@ class ErrorModel:
     ) -> "ErrorModel":
         """Create the model with nodes over an area.
 
-        Parameters
-        ----------
-        area : SurveyArea
-            Where the map is wanted.
-        kernel : Kernel
-            Covariance of the terrain [m²], with lengths in grid metres.
-        noise_m : float
-            Standard deviation of a sample [m].
-        sample_step_m : float
-            Distance between samples, in grid metres.
-        cell_m : float, optional
-            Side of a cell, about as many of which lie on the area as there are nodes; a thirtieth of the longer
-            side by default.
-
-        Returns
-        -------
-        ErrorModel
-            For routes over this area.
-
-        Raises
-        ------
-        ConfigError
-            A negative noise, a sample spacing that is not greater than 0.
-        CapacityError
-            More nodes than can be computed.
+        `kernel`: covariance of the terrain [m²], with lengths in grid metres. `noise_m`: standard deviation
+        of a sample [m].
         """
         if not (np.isfinite(noise_m) and noise_m >= 0.0):
             raise ConfigError(f"the noise of a sample is {noise_m} m; it must be 0 or greater.")
@@ -195,19 +157,9 @@ class ErrorModel:
     ) -> FloatArray:
         """Return the predicted variance at the nodes, given samples at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing of the samples [m].
-        noise_m : float, optional
-            Standard deviation of a sample [m]; that of the model by default.
-        at : (M, 2) ndarray, optional
-            Other places than the nodes [m].
-
-        Returns
-        -------
-        (M,) ndarray
-            Variance at the nodes [m²].
+        `xy` (N, 2): easting and northing of the samples [m]. `noise_m`: standard deviation of a sample [m];
+        that of the model by default. `at` (M, 2): other places than the nodes [m]. Returns (M,): variance at
+        the nodes [m²].
         """
         sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, self._least_noise_m))
         gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
@@ -242,39 +194,13 @@ class ErrorModel:
         Where the route has more than `most_samples` samples, fewer stand for all: their
         noise is that of the mean of those that each replaces.
 
-        Parameters
-        ----------
-        route : Route
-            Samples are taken along swaths and transits.
-        most_samples : int
-            Largest number of samples to compute with.
-
-        Returns
-        -------
-        float
-            Root of the mean variance over the nodes [m].
+        Returns: root of the mean variance over the nodes [m].
         """
         at = self.nodes[: _LEAST_NODES if self._is_local(route, most_samples) else None]
         return float(np.sqrt(self._variance_of(route, most_samples, at).mean()))
 
     def error(self, route: Route) -> PredictedError:
-        """Return the predicted error of a route, with its map.
-
-        Parameters
-        ----------
-        route : Route
-            Samples are taken along swaths and transits.
-
-        Returns
-        -------
-        PredictedError
-            The map of the standard deviation with its summary.
-
-        Raises
-        ------
-        InputError
-            Cells so large that none of their places lies on the free ground.
-        """
+        """Return the predicted error of a route, with its map."""
         cells, offsets = self.grid.xy[:, None], self.grid.step_m * _IN_CELL
         xy = (cells + offsets).reshape(-1, 2)
         inside = self.area.contains(xy)

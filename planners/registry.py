@@ -40,13 +40,6 @@ else:
 def pattern_names() -> tuple[str, ...]:
     """Return the names of all planners.
 
-    Returns
-    -------
-    tuple of str
-        In the order of `PLANNERS`.
-
-    Examples
-    --------
     >>> pattern_names()[:2]
     ('lawnmower', 'wavy')
     """
@@ -56,23 +49,6 @@ def pattern_names() -> tuple[str, ...]:
 def planner_of(config: Any) -> Planner:
     """Return the registry entry of a configuration.
 
-    Parameters
-    ----------
-    config : LawnmowerConfig, WavyConfig or another configuration of `PLANNERS`
-        Settings of a planner.
-
-    Returns
-    -------
-    Planner
-        Its entry.
-
-    Raises
-    ------
-    TypeError
-        The argument is no configuration of a planner.
-
-    Examples
-    --------
     >>> from planners import LawnmowerConfig
     >>> planner_of(LawnmowerConfig(swaths=4)).name
     'lawnmower'
@@ -90,23 +66,8 @@ def planner_of(config: Any) -> Planner:
 def steering_of(config: PatternConfig) -> Steering | None:
     """Return the steering of a pattern that is steered while driving.
 
-    Parameters
-    ----------
-    config : LawnmowerConfig, WavyConfig or another configuration of `PLANNERS`
-        Settings of a planner.
+    Returns: None for a pattern whose route is fixed before the drive.
 
-    Returns
-    -------
-    Steering or None
-        None for a pattern whose route is fixed before the drive.
-
-    Raises
-    ------
-    TypeError
-        The argument is no configuration of a planner.
-
-    Examples
-    --------
     >>> from planners import LawnmowerConfig, RandomWanderConfig
     >>> steering_of(LawnmowerConfig(swaths=4)) is None
     True
@@ -126,25 +87,6 @@ class _Holder(Section):
 def planner_config(values: dict[str, Any], where: str) -> PatternConfig:
     """Return the configuration of a planner from plain values.
 
-    Parameters
-    ----------
-    values : dict
-        ``pattern`` and the settings of that pattern.
-    where : str
-        Where the values come from, for messages.
-
-    Returns
-    -------
-    PatternConfig
-        The configuration model of the pattern.
-
-    Raises
-    ------
-    ConfigError
-        The pattern is not known, or one of its settings is unknown or wrong.
-
-    Examples
-    --------
     >>> planner_config({"pattern": "wavy", "swaths": 3}, "the options").swaths
     3
     """

@@ -27,17 +27,9 @@ from survey.data.route import Leg, Route
 class Band:
     """Strip about a swath that a rover may use.
 
-    Parameters
-    ----------
-    axis : (2, 2) ndarray
-        Both ends of the swath's line [m].
-    knots_m : (K,) ndarray
-        Distances along it [m].
-    left_m, right_m : (K,) ndarray
-        Largest deviation to both sides there [m].
+    `axis` (2, 2): both ends of the swath's line [m]. `knots_m` (K,): distances along it [m]. `left_m`,
+    `right_m` (K,): largest deviation to both sides there [m].
 
-    Examples
-    --------
     >>> axis = np.array([[0.0, 5.0], [100.0, 5.0]])
     >>> band = Band.about(axis, 20.0, shapely.box(0.0, 0.0, 100.0, 30.0), step_m=10.0)
     >>> float(band.left_m.max()), float(band.right_m.max())
@@ -56,21 +48,8 @@ class Band:
         Every bound is the least one within a step before and behind, so that no step
         between two allowed places leaves the ground.
 
-        Parameters
-        ----------
-        axis : (2, 2) ndarray
-            Both ends of the swath's line [m].
-        half_m : float
-            Largest deviation [m].
-        ground : shapely.Geometry
-            The free ground.
-        step_m : float
-            Distance driven between two decisions [m].
-
-        Returns
-        -------
-        Band
-            With a knot at every metre or so.
+        `axis` (2, 2): both ends of the swath's line [m]. `half_m`: largest deviation [m]. `step_m`: distance
+        driven between two decisions [m].
         """
         length = float(np.hypot(*(axis[1] - axis[0])))
         along, left = _frame(axis)
@@ -101,19 +80,8 @@ class Band:
     def next_waypoint(self, xy: FloatArray, heading_rad: FloatArray, step_m: float) -> FloatArray:
         """Return where a step ends: within the band, and at the swath's end at most.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Where the rovers are [m].
-        heading_rad : (N,) ndarray
-            Their headings, counter-clockwise from east.
-        step_m : float
-            Length of the step [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            Easting and northing [m].
+        `xy` (N, 2): where the rovers are [m]. `heading_rad` (N,): their headings, counter-clockwise from
+        east. `step_m`: length of the step [m]. Returns (N, 2): easting and northing [m].
         """
         along, left = self._frame
         u, v = (xy - self.axis[0]) @ along, (xy - self.axis[0]) @ left
@@ -128,15 +96,7 @@ class Band:
     def foot(self, xy: FloatArray) -> FloatArray:
         """Return the nearest places of the swath's line.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Where the rovers are [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            Easting and northing [m].
+        `xy` (N, 2): where the rovers are [m]. Returns (N, 2): easting and northing [m].
         """
         along = self._frame[0]
         u = np.clip((xy - self.axis[0]) @ along, 0.0, self.length_m)
@@ -146,15 +106,7 @@ class Band:
     def is_at_end(self, xy: FloatArray) -> Any:
         """Return which places are at the swath's end, to a micrometre.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Where the rovers are [m].
-
-        Returns
-        -------
-        (N,) ndarray of bool
-            Whether each rover has arrived.
+        `xy` (N, 2): where the rovers are [m]. Returns (N,) bool: whether each rover has arrived.
         """
         return (xy - self.axis[0]) @ self._frame[0] >= self.length_m - 1e-6
 
@@ -195,34 +147,9 @@ def rollout(
 ) -> list[Route]:
     """Drive a steered pattern once for every generator.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground; no driven metre leaves it.
-    route : Route
-        The reference swaths, as `plan` returns them.
-    steering : Steering
-        Chooses the headings.
-    sense : callable
-        The attitude of the N rovers at places (N, 2) [m] and headings (N,) [rad], e.g.
-        from `attitude_sensor`.
-    rngs : sequence of numpy.random.Generator
-        One per rover; a rover's route depends on its own alone.
-    mobility : Mobility, optional
-        For the prediction of time and energy.
+    `sense`: the attitude of the N rovers at places (N, 2) [m] and headings (N,) [rad], e.g. from
+    `attitude_sensor`.
 
-    Returns
-    -------
-    list of Route
-        The driven path of each rover; `Leg.axis` holds the swath that was deviated from.
-
-    Raises
-    ------
-    InputError
-        A route without a spacing, or for several rovers at once.
-
-    Examples
-    --------
     >>> import planners
     >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     >>> config = planners.RandomWanderConfig(swaths=2)

@@ -45,17 +45,9 @@ class Attitude(NamedTuple):
 
     Yaw, pitch, roll are rotations about up, left and forward.
 
-    Parameters
-    ----------
-    roll_rad : (N,) ndarray
-        Positive with the left side up.
-    pitch_rad : (N,) ndarray
-        Positive with the nose down.
-    heading_rad : (N,) ndarray
-        Counter-clockwise from east.
+    `roll_rad` (N,): positive with the left side up. `pitch_rad` (N,): positive with the nose down.
+    `heading_rad` (N,): counter-clockwise from east.
 
-    Examples
-    --------
     >>> uphill = Attitude(np.zeros(1), np.array([-0.1]), np.zeros(1))
     >>> uphill.slope_along(np.array([0.0, np.pi])).round(2)
     array([ 0.1, -0.1])
@@ -68,15 +60,7 @@ class Attitude(NamedTuple):
     def slope_along(self, heading_rad: FloatArray) -> FloatArray:
         """Return the slope of the plane that the rover stands on, along other headings.
 
-        Parameters
-        ----------
-        heading_rad : (..., N) ndarray
-            Counter-clockwise from east.
-
-        Returns
-        -------
-        (..., N) ndarray
-            Rise per metre.
+        `heading_rad` (..., N): counter-clockwise from east. Returns (..., N): rise per metre.
         """
         ahead = -np.tan(self.pitch_rad)
         left = np.tan(self.roll_rad) / np.cos(self.pitch_rad)
@@ -92,25 +76,8 @@ AttitudeSensor = Callable[[FloatArray, FloatArray], Attitude]
 def attitude_sensor(dems: Dem | Sequence[Dem], base_m: float = 1.0) -> AttitudeSensor:
     """Return the attitude of rovers at rest on terrain: for simulation, one rover per DEM.
 
-    Parameters
-    ----------
-    dems : Dem or sequence of Dem
-        Terrain of each rover, all on one grid.
-    base_m : float
-        Length and width of the rover [m].
+    `base_m`: length and width of the rover [m].
 
-    Returns
-    -------
-    callable
-        An `AttitudeSensor`; level where the terrain is not known.
-
-    Raises
-    ------
-    InputError
-        DEMs on different grids.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0)
     >>> sense = attitude_sensor(Dem.on(grid, np.tile(0.1 * grid.x, (5, 1))))
@@ -156,12 +123,8 @@ def attitude_sensor(dems: Dem | Sequence[Dem], base_m: float = 1.0) -> AttitudeS
 class SteeringState(NamedTuple):
     """State of steering between two steps.
 
-    Parameters
-    ----------
-    swath_heading_rad : float
-        Heading of the swath, counter-clockwise from east.
-    mode : (N,) ndarray of int
-        Rule or candidate in force for each rover.
+    `swath_heading_rad`: heading of the swath, counter-clockwise from east. `mode` (N,) int: rule or candidate
+    in force for each rover.
     """
 
     swath_heading_rad: float
@@ -187,49 +150,19 @@ class Steering(Protocol):
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
         """Return the state at the start of a swath.
 
-        Parameters
-        ----------
-        swath_heading_rad : float
-            Heading of the swath, counter-clockwise from east.
-        draws : (N,) ndarray
-            Uniform on [0, 1), one per rover.
-
-        Returns
-        -------
-        SteeringState
-            For N rovers.
+        `draws` (N,): uniform on [0, 1), one per rover.
         """
 
     def steer(self, attitude: Attitude, state: SteeringState) -> FloatArray:
         """Return the next headings.
 
-        Parameters
-        ----------
-        attitude : Attitude
-            Sensed attitude of N rovers.
-        state : SteeringState
-            As `begin` or `after_step` returned it.
-
-        Returns
-        -------
-        (N,) ndarray
-            Headings, counter-clockwise from east [rad].
+        Returns (N,): headings, counter-clockwise from east [rad].
         """
 
     def after_step(self, state: SteeringState, draws: FloatArray) -> SteeringState:
         """Return the state for the next step.
 
-        Parameters
-        ----------
-        state : SteeringState
-            The state during the step.
-        draws : (N,) ndarray
-            Uniform on [0, 1), one per rover; 1 changes nothing.
-
-        Returns
-        -------
-        SteeringState
-            The state for the next step.
+        `draws` (N,): uniform on [0, 1), one per rover; 1 changes nothing.
         """
 
 

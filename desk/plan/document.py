@@ -29,8 +29,6 @@ class PlanDocument(Section):
     Settings are those of the sections of a mission file, without defaults. They are checked when the plan
     is computed, so that a document can be stored while an outline crosses itself.
 
-    Examples
-    --------
     >>> square = ((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (0.0, 90.0))
     >>> PlanDocument(areas=((square,),), planner={"pattern": "lawnmower", "swaths": 3}).n_vertices
     4
@@ -74,20 +72,7 @@ class PlanDocument(Section):
 
     @classmethod
     def of_area(cls, area: SurveyArea, **settings: Any) -> Self:
-        """Return the document of an area.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            In the terrain's CRS.
-        **settings
-            Sections of settings.
-
-        Returns
-        -------
-        PlanDocument
-            With the area's outline, no-go zones and starts.
-        """
+        """Return the document of an area."""
         polygons = shapely.get_parts(area.polygon)
         return cls(
             areas=tuple(_rings(part) for part in polygons),
@@ -97,23 +82,7 @@ class PlanDocument(Section):
         )
 
     def survey_area(self, crs: CRS) -> SurveyArea:
-        """Return the area that is drawn.
-
-        Parameters
-        ----------
-        crs : pyproj.CRS
-            CRS of the terrain.
-
-        Returns
-        -------
-        SurveyArea
-            As it is read from a file of the same polygons.
-
-        Raises
-        ------
-        InputError
-            Nothing is drawn, an outline crosses itself, or a start lies outside.
-        """
+        """Return the area that is drawn."""
         if not self.areas:
             raise InputError("no area is drawn yet; draw its outline on the map, or drop a file with it.")
         polygons = [_polygon(rings) for rings in self.areas]

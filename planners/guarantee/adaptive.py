@@ -57,29 +57,16 @@ _LEAST_SEEN = 6
 class AdaptiveConfig(ErrorLimit):
     """Settings of an adaptive survey.
 
-    Parameters
-    ----------
-    limit_m : float
-        Largest root mean square error of the map [m].
-    probability : float
-        Probability with which the limit has to be met, above 0.5 and at most 0.999.
-    noise_m, localization_m : float
-        Stated error of a sample's height, and of the rover's place east and north [m].
-    sample_step_m : float
-        Distance between samples [m].
-    n_first : int
-        Swaths that are driven before the covariance is fitted.
-    first_probability : float
-        Probability, from the prior, that the spacing of the first swaths is enough. A gap that proves too
-        wide takes one more swath.
-    heading_deg : float, optional
-        Heading of the swaths, counter-clockwise from east [deg]; across the narrowest width when left out. The
-        prediction assumes terrain that varies alike in all directions: let swaths run across a marked grain
-        (`planners.swaths.heading.across_marked_grain`), not along it.
-    shared_m : float
-        Standard deviation of an error of height that all samples share, as of the path [m].
-    max_swaths : int, optional
-        Most swaths to drive; by default as many as are two samples apart, 30 or more.
+    `limit_m`: largest root mean square error of the map [m]. `probability`: probability with which the limit
+    has to be met, above 0.5 and at most 0.999. `noise_m`, `localization_m`: stated error of a sample's
+    height, and of the rover's place east and north [m]. `sample_step_m`: distance between samples [m].
+    `n_first`: swaths that are driven before the covariance is fitted. `first_probability`: probability, from
+    the prior, that the spacing of the first swaths is enough. A gap that proves too wide takes one more
+    swath. `heading_deg`: heading of the swaths, counter-clockwise from east [deg]; across the narrowest width
+    when left out. The prediction assumes terrain that varies alike in all directions: let swaths run across a
+    marked grain (`planners.swaths.heading.across_marked_grain`), not along it. `shared_m`: standard deviation
+    of an error of height that all samples share, as of the path [m]. `max_swaths`: most swaths to drive; by
+    default as many as are two samples apart, 30 or more.
     """
 
     n_first: int = 2
@@ -90,17 +77,7 @@ class AdaptiveConfig(ErrorLimit):
     def of(cls, requirement: ErrorLimit, heading_deg: float | None = None) -> Self:
         """Take limit, probability and errors of the samples from a requirement.
 
-        Parameters
-        ----------
-        requirement : ErrorLimit
-            What the map has to meet.
-        heading_deg : float, optional
-            Heading of the swaths [deg].
-
-        Returns
-        -------
-        AdaptiveConfig
-            With the same errors of the samples.
+        `heading_deg`: heading of the swaths [deg].
         """
         names = [one.name for one in fields(ErrorLimit)]
         return cls(**{name: getattr(requirement, name) for name in names}, heading_deg=heading_deg)
@@ -271,18 +248,10 @@ def places_along(xy: FloatArray, step_m: float) -> FloatArray:
 class AdaptiveSurvey:
     """Result of an adaptive survey.
 
-    Parameters
-    ----------
-    route : Route or None
-        Driven route; None if nothing was driven.
-    samples : (N, 2) ndarray
-        Places of the samples [m].
-    posterior : KernelPosterior
-        Covariances that prior and samples make likely.
-    predicted : MapPrediction
-        Prediction for the map of the route; where the requirement is not met, for the densest survey allowed.
-    holds : bool
-        Whether the requirement is met. Where it is not, no survey with the allowed swaths meets it.
+    `route`: driven route; None if nothing was driven. `samples` (N, 2): places of the samples [m].
+    `posterior`: covariances that prior and samples make likely. `predicted`: prediction for the map of the
+    route; where the requirement is not met, for the densest survey allowed. `holds`: whether the requirement
+    is met. Where it is not, no survey with the allowed swaths meets it.
     """
 
     route: Route | None
@@ -295,29 +264,7 @@ class AdaptiveSurvey:
 def survey_adaptively(
     area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig, measure: MeasureHeights
 ) -> AdaptiveSurvey:
-    """Drive an adaptive survey until its guarantee holds or cannot be reached.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    posterior : KernelPosterior
-        Covariances from the prior.
-    config : AdaptiveConfig
-        Requirement on the map, and errors of the samples.
-    measure : callable
-        Drives along places and returns the heights measured there.
-
-    Returns
-    -------
-    AdaptiveSurvey
-        Everything driven, in driving order.
-
-    Raises
-    ------
-    InputError
-        An area that no swath meets.
-    """
+    """Drive an adaptive survey until its guarantee holds or cannot be reached."""
     state = AdaptiveState(area, posterior, config.in_grid_metres(settings_factor(area)))
     lines = state.further(config.first_probability)
     is_met = False

@@ -134,18 +134,7 @@ class ErrorLimit:
         require_probability(self.probability)
 
     def in_grid_metres(self, factor: float) -> Self:
-        """Return the settings with their horizontal lengths multiplied by a factor.
-
-        Parameters
-        ----------
-        factor : float
-            As `planners.config.settings_factor` returns it.
-
-        Returns
-        -------
-        ErrorLimit
-            Of the same class; heights and errors of heights stay.
-        """
+        """Return the settings with their horizontal lengths multiplied by a factor."""
         step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
         return replace(self, sample_step_m=step_m, localization_m=localization_m)
 

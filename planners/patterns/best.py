@@ -70,14 +70,8 @@ _ROUTES: dict[str, Callable[..., Route]] = {"lawnmower": straight_route, "wavy":
 class Choice:
     """Route with its settings and its predicted error.
 
-    Parameters
-    ----------
-    config : LawnmowerConfig or WavyConfig
-        Settings that give the route.
-    route : Route
-        The route, without a prediction.
-    rmse_m : float
-        Predicted root mean square error of the map [m].
+    `config`: settings that give the route. `route`: the route, without a prediction. `rmse_m`: predicted root
+    mean square error of the map [m].
     """
 
     config: Shape
@@ -105,32 +99,6 @@ def choose(
     the candidates, so the choice is never worse than either as the
     covariance of `model` has it.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The free ground.
-    config : BestConfig
-        Budget or wanted error, with lengths in grid metres.
-    model : ErrorModel
-        Predicts the error of a route.
-    crew : Crew, optional
-        Rovers and prior elevations; one rover that pivots by default.
-    progress : callable, optional
-        Called after every pattern.
-
-    Returns
-    -------
-    Choice
-        The pattern of least predicted error within the budget, or the shortest that reaches the
-        wanted error.
-
-    Raises
-    ------
-    InputError
-        A budget that no single swath fits, an error that 200 swaths do not reach.
-
-    Examples
-    --------
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> area = SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), "EPSG:32608")
     >>> model = ErrorModel.of(area, SquaredExponential(20.0, 90.0), noise_m=0.1, cell_m=30.0)

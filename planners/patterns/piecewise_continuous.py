@@ -38,20 +38,13 @@ class PiecewiseContinuousSteering(ConfiguredSteering):
     on and the unit vector e_c. The flag is drawn at every swath and flips with
     `toggle_probability` at every step. On level ground the rover follows the swath.
 
-    Parameters
-    ----------
-    config : SteeredConfig
-        Step, candidates, switching and band.
+    `config`: step, candidates, switching and band.
 
-    Notes
-    -----
     The paper prints the minimum and maximum of a vector and leaves step, candidates,
     switching and bounds open; this is one reading. Steered by
     the slopes of another terrain it needs the same distance within 6 %
     (``benchmarks.planning_patterns``): the gain comes from leaving the line, not from the slope.
 
-    Examples
-    --------
     >>> from planners import PiecewiseContinuousConfig
     >>> steering = PiecewiseContinuousSteering(PiecewiseContinuousConfig(swaths=2))
     >>> left_side_up = Attitude(np.array([0.1]), np.zeros(1), np.zeros(1))
@@ -62,34 +55,14 @@ class PiecewiseContinuousSteering(ConfiguredSteering):
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
         """Return the state at the start of a swath: either rule with equal probability.
 
-        Parameters
-        ----------
-        swath_heading_rad : float
-            Heading of the swath, counter-clockwise from east.
-        draws : (N,) ndarray
-            Uniform on [0, 1), one per rover.
-
-        Returns
-        -------
-        SteeringState
-            For N rovers.
+        `draws` (N,): uniform on [0, 1), one per rover.
         """
         return SteeringState(swath_heading_rad, (draws < 0.5).astype(np.int64))
 
     def steer(self, attitude: Attitude, state: SteeringState) -> FloatArray:
         """Return the next headings.
 
-        Parameters
-        ----------
-        attitude : Attitude
-            Sensed attitude of N rovers.
-        state : SteeringState
-            As `begin` or `after_step` returned it.
-
-        Returns
-        -------
-        (N,) ndarray
-            Headings, counter-clockwise from east [rad].
+        Returns (N,): headings, counter-clockwise from east [rad].
         """
         # The least turn first, so that it wins on level ground.
         candidates = np.radians(sorted(self.config.candidates_deg, key=abs))
@@ -102,17 +75,7 @@ class PiecewiseContinuousSteering(ConfiguredSteering):
     def after_step(self, state: SteeringState, draws: FloatArray) -> SteeringState:
         """Return the state for the next step: the flag flips with the probability of the configuration.
 
-        Parameters
-        ----------
-        state : SteeringState
-            The state during the step.
-        draws : (N,) ndarray
-            Uniform on [0, 1), one per rover; 1 changes nothing.
-
-        Returns
-        -------
-        SteeringState
-            The state for the next step.
+        `draws` (N,): uniform on [0, 1), one per rover; 1 changes nothing.
         """
         flips = draws < self.config.toggle_probability
         return state._replace(mode=np.where(flips, 1 - state.mode, state.mode))

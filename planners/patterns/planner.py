@@ -17,16 +17,9 @@ from survey.data.route import Route
 class LayoutTask(NamedTuple):
     """Input of a layout.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The area cut to drivable ground.
-    crew : Crew
-        Rovers, fleet and prior elevations, with lengths in grid metres.
-    model : ErrorModel, optional
-        Where a covariance of the terrain is given.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
+    `area`: the area cut to drivable ground. `crew`: rovers, fleet and prior elevations, with lengths in grid
+    metres. `model`: where a covariance of the terrain is given. `progress`: called with what is done, how
+    much of it, and of how much.
     """
 
     area: SurveyArea
@@ -40,23 +33,7 @@ class LayoutTask(NamedTuple):
         return None if self.model is None else slope_length_m(self.model.kernel)
 
     def required_model(self, pattern: str) -> ErrorModel:
-        """Return the error model, or refuse when there is none.
-
-        Parameters
-        ----------
-        pattern : str
-            Name of the pattern, for the message.
-
-        Returns
-        -------
-        ErrorModel
-            Predicts the error of maps over the area.
-
-        Raises
-        ------
-        InputError
-            No covariance of the terrain is given.
-        """
+        """Return the error model, or refuse when there is none."""
         if self.model is None:
             raise InputError(
                 f"the pattern {pattern} needs a covariance of the terrain; give a prior or a kernel."
@@ -78,20 +55,11 @@ def always(config: Any) -> bool:  # noqa: ARG001
 class Planner:
     """Entry of the registry of planners.
 
-    Parameters
-    ----------
-    config : type
-        Configuration model; the default of its field ``pattern`` is the planner's name.
-    layout : callable
-        Returns the route for a configuration and a `LayoutTask`.
-    needs_kernel : callable
-        Whether a configuration needs a covariance of the terrain.
-    steering : callable, optional
-        Returns the `Steering` of a pattern that is steered while driving. The layout then
-        gives the reference swaths.
-    is_for_fleets : bool
-        Whether the layout takes turning radii, batteries, several rovers and a place to
-        finish into account.
+    `config`: configuration model; the default of its field ``pattern`` is the planner's name. `layout`:
+    returns the route for a configuration and a `LayoutTask`. `needs_kernel`: whether a configuration needs a
+    covariance of the terrain. `steering`: returns the `Steering` of a pattern that is steered while driving.
+    The layout then gives the reference swaths. `is_for_fleets`: whether the layout takes turning radii,
+    batteries, several rovers and a place to finish into account.
     """
 
     config: type[PatternConfig]

@@ -29,43 +29,20 @@ class RandomWanderSteering(ConfiguredSteering):
     The gain of a pattern over this one comes from its sensing; the gain of this one over
     straight swaths comes from leaving the line.
 
-    Parameters
-    ----------
-    config : SteeredConfig
-        Step, candidates, switching and band.
+    `config`: step, candidates, switching and band.
     """
 
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
         """Return the state at the start of a swath: any candidate with equal probability.
 
-        Parameters
-        ----------
-        swath_heading_rad : float
-            Heading of the swath, counter-clockwise from east.
-        draws : (N,) ndarray
-            Uniform on [0, 1), one per rover.
-
-        Returns
-        -------
-        SteeringState
-            For N rovers.
+        `draws` (N,): uniform on [0, 1), one per rover.
         """
         return SteeringState(swath_heading_rad, (len(self.config.candidates_deg) * draws).astype(np.int64))
 
     def steer(self, attitude: Attitude, state: SteeringState) -> FloatArray:
         """Return the next headings, whatever the attitude.
 
-        Parameters
-        ----------
-        attitude : Attitude
-            Sensed attitude of N rovers.
-        state : SteeringState
-            As `begin` or `after_step` returned it.
-
-        Returns
-        -------
-        (N,) ndarray
-            Headings, counter-clockwise from east [rad].
+        Returns (N,): headings, counter-clockwise from east [rad].
         """
         headings: FloatArray = state.swath_heading_rad + np.radians(self.config.candidates_deg)[state.mode]
         return np.broadcast_to(headings, attitude.heading_rad.shape)
@@ -73,17 +50,7 @@ class RandomWanderSteering(ConfiguredSteering):
     def after_step(self, state: SteeringState, draws: FloatArray) -> SteeringState:
         """Return the state for the next step.
 
-        Parameters
-        ----------
-        state : SteeringState
-            The state during the step.
-        draws : (N,) ndarray
-            Uniform on [0, 1), one per rover; 1 changes nothing.
-
-        Returns
-        -------
-        SteeringState
-            The state for the next step.
+        `draws` (N,): uniform on [0, 1), one per rover; 1 changes nothing.
         """
         n, p = len(self.config.candidates_deg), self.config.toggle_probability
         # A draw below p is uniform on [0, p), so its share of p chooses the candidate.

@@ -37,8 +37,6 @@ _TURN_RAD = np.radians(30.0)
 class Mobility(Section):
     """Speed, mass and efficiency of a rover; the defaults are those of a 250 kg electric rover on firm snow.
 
-    Examples
-    --------
     >>> round(Mobility().flat_j_per_m)
     509
     """

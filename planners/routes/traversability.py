@@ -67,14 +67,8 @@ Reason = Literal["too steep", "too rough", "height unknown", "too narrow", "cut 
 class LeftOut:
     """Piece of the area where the rover cannot be, and why.
 
-    Parameters
-    ----------
-    polygon : shapely.Polygon
-        Outline in the area's CRS [m].
-    reason : {"too steep", "too rough", "height unknown", "too narrow", "cut off"}
-        Why it is left out.
-    map_scale : float
-        Grid metres for each metre on the ground, where this differs from 1 by more than 1 %.
+    `polygon`: outline in the area's CRS [m]. `reason`: why it is left out. `map_scale`: grid metres for each
+    metre on the ground, where this differs from 1 by more than 1 %.
     """
 
     polygon: Polygon
@@ -96,30 +90,14 @@ class LeftOut:
 class Drivable:
     """Ground that can be surveyed, and the pieces of the area that cannot.
 
-    Parameters
-    ----------
-    ground : FreeGround
-        Where rovers may be.
-    left_out : tuple of LeftOut
-        The rest of the area, by reason.
+    `ground`: where rovers may be. `left_out`: the rest of the area, by reason.
     """
 
     ground: FreeGround
     left_out: tuple[LeftOut, ...]
 
     def within(self, area: SurveyArea) -> SurveyArea:
-        """Return the area cut to the ground.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            The area that the ground was found in.
-
-        Returns
-        -------
-        SurveyArea
-            Starts on the border move a millimetre inwards.
-        """
+        """Return the area cut to the ground."""
         if self.ground.polygon.equals(area.free):
             return area
         starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
@@ -128,15 +106,7 @@ class Drivable:
     def left_out_share(self, area: SurveyArea) -> float:
         """Return the share of the area's free ground that is left out.
 
-        Parameters
-        ----------
-        area : SurveyArea
-            The area that the ground was found in.
-
-        Returns
-        -------
-        float
-            Between 0 and 1.
+        Returns: between 0 and 1.
         """
         return float(sum(piece.polygon.area for piece in self.left_out)) / float(area.free.area)
 
@@ -199,36 +169,9 @@ def drivable(
     are closed as squares with half a cell around them, and their outlines are simplified outwards
     only: nowhere on the ground does the slope between cell centres exceed the limit.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        Its no-go zones are left out; its starts say which parts can be reached. Without
-        a start the largest part counts as the one that can.
-    limits : RoverLimits, optional
-        Limits of slope, roughness and width.
-    dem : Dem, optional
-        Needed where slope or roughness are limited, in the area's CRS.
-    reach_all : bool
-        Refuse ground that is cut off instead of leaving it out.
-
-    Returns
-    -------
-    Drivable
-        The ground, and the pieces that are left out with their reasons.
-
-    Raises
-    ------
-    InputError
-        Nothing is left; a start lies on closed ground; limits of the slope without heights;
-        ground is cut off and `reach_all` is set. The message says which part and why.
-
-    Notes
-    -----
     Slopes are those of the DEM's cells: steps smaller than a cell, crevasses and boulders
     are not seen. Limits are those on the ground, whatever the scale of the CRS.
 
-    Examples
-    --------
     >>> area = SurveyArea.rectangle((0.0, 0.0, 100.0, 50.0), "EPSG:32608")
     >>> drivable(area, RoverLimits(clearance_m=2.0)).ground.polygon.area < area.free.area
     True

@@ -73,8 +73,6 @@ class PlacedSection(Section):
 class DrawnSetting(Section):
     """A setting that every run of a rehearsal draws from a range, evenly.
 
-    Examples
-    --------
     >>> DrawnSetting(setting="sensors.gps_bias_sigma_m", between=(0.5, 2.0)).setting
     'sensors.gps_bias_sigma_m'
     """
@@ -126,37 +124,12 @@ class MismatchConfig(Section):
         return self
 
     def drawn_landmark_ratio(self, seed: int) -> float:
-        """Draw the ratio of claimed to drawn standard deviations of landmarks.
-
-        Parameters
-        ----------
-        seed : int
-            The mission's seed.
-
-        Returns
-        -------
-        float
-            Within `landmark_ratio`.
-        """
+        """Draw the ratio of claimed to drawn standard deviations of landmarks."""
         return _drawn_ratio(self.landmark_ratio, seed, "landmarks")
 
     def assumed(self, stated: LocalizationConfig, seed: int) -> LocalizationConfig:
         """Return the assumptions of the estimator, off by the drawn ratios.
 
-        Parameters
-        ----------
-        stated : LocalizationConfig
-            Assumptions that are multiplied.
-        seed : int
-            The mission's seed; every ratio has a random stream of its own.
-
-        Returns
-        -------
-        LocalizationConfig
-            Equal to `stated` where the ranges are 1 to 1.
-
-        Examples
-        --------
         >>> wrong = MismatchConfig(sigma_ratio=(2.0, 2.0)).assumed(LocalizationConfig(), 1)
         >>> wrong.gps_bias_sigma_m, wrong.gps_correlation_time_s
         (2.0, 120.0)

@@ -258,8 +258,6 @@ class FaultConfig(Section):
 
     Faults of start, calibration and scenery last for all of the drive.
 
-    Examples
-    --------
     >>> FaultConfig(component="gps", failure="jump", from_s=60.0, until_s=90.0).size
     15.0
     """
@@ -300,15 +298,7 @@ class FaultConfig(Section):
     def is_on(self, time_s: float) -> bool:
         """Return whether the fault acts at a time [s].
 
-        Parameters
-        ----------
-        time_s : float
-            Time since the start [s].
-
-        Returns
-        -------
-        bool
-            True between begin and end of the fault.
+        `time_s`: time since the start [s].
         """
         return self.from_s <= time_s and (self.until_s is None or time_s < self.until_s)
 

@@ -87,8 +87,6 @@ class SatelliteConfig(Section):
 
     Cells that are made err independently unless a class of products is named, or one of its errors stated.
 
-    Examples
-    --------
     >>> SatelliteConfig(product="srtm-90", shift_sigma_m=0.0).errors().datum_sigma_m
     4.0
     """
@@ -120,13 +118,7 @@ class SatelliteConfig(Section):
     """Standard deviation of its horizontal displacement on either axis [m]; of the class when left out."""
 
     def errors(self) -> PriorErrors:
-        """Return the errors that are drawn: those stated, and those of the class for the others.
-
-        Returns
-        -------
-        PriorErrors
-            Medians are the sizes themselves.
-        """
+        """Return the errors that are drawn: those stated, and those of the class for the others."""
         stated = SatelliteErrors(
             product=self.product,
             correlated_sigma_m=self.correlated_sigma_m,
@@ -169,17 +161,7 @@ class IceAssumptions(Section):
     def prior(self, epoch_s: float, origin_m: tuple[float, float]) -> IceMotion:
         """Return the prior of one velocity at an epoch; `sim.world.moving_ice` reads rasters, too.
 
-        Parameters
-        ----------
-        epoch_s : float
-            Epoch in seconds of the recording.
-        origin_m : (float, float)
-            Place that changes of velocity count from [m].
-
-        Returns
-        -------
-        IceMotion
-            Prior of localization.
+        `origin_m` (float, float): place that changes of velocity count from [m].
         """
         return uniform_motion(
             self.velocity_m_per_day,

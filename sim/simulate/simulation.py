@@ -175,29 +175,7 @@ def _simulated_in_images(
 
 
 def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> tuple[Recording, Truth]:
-    """Draw the recording of a drive along a route from error models of the sensors.
-
-    Parameters
-    ----------
-    terrain : Dem
-        The real terrain.
-    route : Route
-        The route of one rover, which it follows exactly.
-    mission : MissionConfig
-        Speed, errors of the sensors (``sensors``), aiding sensors (``aids``), seed.
-
-    Returns
-    -------
-    recording : Recording
-        Sensor records, without images.
-    truth : Truth
-        Terrain and path, for scoring alone.
-
-    Raises
-    ------
-    InputError
-        The route leaves the known terrain.
-    """
+    """Draw the recording of a drive along a route from error models of the sensors."""
     ice = moving_ice(mission, terrain)
     drive = _drive(terrain, route, mission, ice)
     fixed = drive if ice is None else replace(drive, trajectory=ice.carried(drive.trajectory))

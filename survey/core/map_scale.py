@@ -134,10 +134,7 @@ def scale_factors(crs: Any, xy: Any) -> ScaleFactors:
 class ScaleRange:
     """Least, mean and largest value of a scale factor over some ground.
 
-    Parameters
-    ----------
-    min, mean, max : float
-        Least, mean and largest factor.
+    `min`, `mean`, `max`: least, mean and largest factor.
     """
 
     min: float
@@ -148,15 +145,8 @@ class ScaleRange:
     def of(cls, least: FloatArray, middle: FloatArray, largest: FloatArray) -> Self:
         """Summarise factors at places (N,).
 
-        Parameters
-        ----------
-        least, middle, largest : (N,) array_like
-            Factors at places: the least over all directions, the mean and the largest.
-
-        Returns
-        -------
-        ScaleRange
-            Their least, mean and largest value.
+        `least`, `middle`, `largest` (N,): factors at places: the least over all directions, the mean and the
+        largest.
         """
         return cls(float(least.min()), float(middle.mean()), float(largest.max()))
 
@@ -165,16 +155,9 @@ class ScaleRange:
 class MapScale:
     """Scale factors of a projection over a survey: grid metres for each metre on the ground.
 
-    Parameters
-    ----------
-    crs_name : str
-        Name of the CRS.
-    linear, areal : ScaleRange
-        Of lengths and of areas. Where the projection is not conformal, the ends of `linear` are those over all
-        directions.
+    `crs_name`: name of the CRS. `linear`, `areal`: of lengths and of areas. Where the projection is not
+    conformal, the ends of `linear` are those over all directions.
 
-    Examples
-    --------
     >>> scale = MapScale.over("EPSG:32608", (499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0))
     >>> round(scale.linear.mean, 4), round(scale.areal.mean, 4), scale.warning
     (0.9996, 0.9992, '')
@@ -188,22 +171,7 @@ class MapScale:
     def at(cls, crs: Any, xy: Any) -> Self:
         """Summarise the scale factors at places.
 
-        Parameters
-        ----------
-        crs : str or pyproj.CRS
-            Projected, in metres.
-        xy : (N, 2) array_like
-            Easting and northing [m], N of at least 1.
-
-        Returns
-        -------
-        MapScale
-            With equal weight for every place.
-
-        Raises
-        ------
-        InputError
-            As `scale_factors` does.
+        `xy` (N, 2): easting and northing [m], N of at least 1.
         """
         found = scale_factors(crs, xy)
         name = projected_crs(crs, "the map").name
@@ -214,22 +182,7 @@ class MapScale:
     def over(cls, crs: Any, bounds: Bounds) -> Self:
         """Summarise the scale factors over a rectangle.
 
-        Parameters
-        ----------
-        crs : str or pyproj.CRS
-            Projected, in metres.
-        bounds : (4,) sequence of float
-            ``(xmin, ymin, xmax, ymax)`` [m].
-
-        Returns
-        -------
-        MapScale
-            From 9 × 9 nodes, the corners included.
-
-        Raises
-        ------
-        InputError
-            As `scale_factors` does.
+        `bounds` (4,): ``(xmin, ymin, xmax, ymax)`` [m].
         """
         xmin, ymin, xmax, ymax = bounds
         x, y = np.linspace(xmin, xmax, _N_SUMMARY), np.linspace(ymin, ymax, _N_SUMMARY)
@@ -254,13 +207,8 @@ class MapScale:
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Return the factors as plain values for JSON.
 
-        Returns
-        -------
-        dict
-            ``linear`` and ``areal``, each with ``min``, ``mean`` and ``max``.
+        Returns: ``linear`` and ``areal``, each with ``min``, ``mean`` and ``max``.
 
-        Examples
-        --------
         >>> sorted(MapScale.at("EPSG:3413", [[0.0, -2e6]]).to_dict())
         ['areal', 'linear']
         """

@@ -313,24 +313,11 @@ class OdometryRecording(Recording):
 
     `Recording.with_odometry` makes one.
 
-    Parameters
-    ----------
-    crs : str or pyproj.CRS
-        As in `Recording`.
-    start : (3,) array_like
-        As in `Recording` [m].
-    gps : GpsFixes
-        As in `Recording`.
-    antenna_height_m, vertical_datum, camera, frames, camera_height_m, start_is_surveyed
-        As in `Recording`.
-    odometry : Odometry
-        Motion from pose to pose.
-    sightings : Sightings
-        Landmarks seen from these poses.
-    barometer, wheels, inertial, compass, weather, base, base_barometer, loop_closures, lidar
-        As in `Recording`.
-    stakes, stake_surveys, stake_sightings, ice_motion
-        As in `Recording`.
+    `crs`: as in `Recording`. `start` (3,): as in `Recording` [m]. `gps`: as in `Recording`.
+    `antenna_height_m`, `vertical_datum`, `camera`, `frames`, `camera_height_m`, `start_is_surveyed`: as in
+    `Recording`. `odometry`: motion from pose to pose. `sightings`: landmarks seen from these poses.
+    `barometer`, `wheels`, `inertial`, `compass`, `weather`, `base`, `base_barometer`, `loop_closures`,
+    `lidar`: as in `Recording`. `stakes`, `stake_surveys`, `stake_sightings`, `ice_motion`: as in `Recording`.
     """
 
     odometry: Odometry = field(kw_only=True)

@@ -75,16 +75,8 @@ class Leg(DataObject):
 class RouteSamples(NamedTuple):
     """Places at equal distances along one rover's path.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Easting and northing [m].
-    distance_m : (N,) ndarray
-        Distance from the start along the path, in the CRS [m].
-    leg : (N,) ndarray of int
-        Index into `Route.legs`.
-    heading_rad : (N,) ndarray
-        Counter-clockwise from east [rad].
+    `xy` (N, 2): easting and northing [m]. `distance_m` (N,): distance from the start along the path, in the
+    CRS [m]. `leg` (N,) int: index into `Route.legs`. `heading_rad` (N,): counter-clockwise from east [rad].
     """
 
     xy: FloatArray

@@ -120,18 +120,6 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
     Left: the share of the points in each tenth of their predictive distribution, 10 % each when the standard
     deviation is right. Right: the factor by which it is widened, against the distance to the nearest point.
 
-    Parameters
-    ----------
-    check : PredictiveCheck
-        Scores of the points, and the test.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
-
-    Examples
-    --------
     >>> from survey.reconstruction.checks import PredictiveScores
     >>> scores = PredictiveScores.of(np.linspace(-0.2, 0.2, 40), np.full(40, 0.1))
     >>> check = PredictiveCheck("swaths", 4, scores, scores, (1.0, 5.0), (9.0, 4.0), (0.4, 0.3), (1.0, 1.0))

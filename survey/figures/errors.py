@@ -49,27 +49,8 @@ def height_error(
 
     NaN outside the area, where the reference is not known and where the map is silent.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        Map of the survey.
-    reference : Dem
-        Reference terrain, interpolated to the nodes.
-    area : SurveyArea, optional
-        Nodes outside it become NaN.
+    Returns (H, W): error [m].
 
-    Returns
-    -------
-    (H, W) ndarray
-        Error [m].
-
-    Raises
-    ------
-    InputError
-        When map and reference are in different CRS or above different vertical datums, or share no node.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 2.0, 1.0), 1.0)
     >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))

@@ -202,23 +202,9 @@ def error_over_distance(
 ) -> Figure:
     """Draw the error of the position against the distance driven, with the estimated standard deviation.
 
-    Parameters
-    ----------
-    position, reference : (N, 3) ndarray
-        Estimated path and where the rover was at the same times [m].
-    covariance : (N, 3, 3) ndarray, optional
-        Of the positions [m²].
-    is_lost : (N,) ndarray of bool, optional
-        Where the estimate said that it is lost; shaded.
+    `position`, `reference` (N, 3): estimated path and where the rover was at the same times [m]. `covariance`
+    (N, 3, 3): of the positions [m²]. `is_lost` (N,) bool: where the estimate said that it is lost; shaded.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page: the horizontal error with the claimed radial σ, the vertical one
-        with its claimed ± 1σ and ± 2σ.
-
-    Examples
-    --------
     >>> path = np.column_stack([np.linspace(0.0, 50.0, 11), np.zeros(11), np.zeros(11)])
     >>> error_over_distance(path + [0.0, 0.3, -0.1], path).axes[1].get_xlabel()
     'Distance driven [m]'
@@ -314,20 +300,8 @@ def executed_route(
 def deviation_from_route(route: Route, driven: FloatArray, estimated: FloatArray | None = None) -> Figure:
     """Draw the true and the estimated distance from the route against the share of the drive.
 
-    Parameters
-    ----------
-    route : Route
-        The plan, of one rover.
-    driven, estimated : (N, 2+) and (M, 2+) ndarray
-        As for `executed_route`.
+    `driven`, `estimated` (N, 2+) and (M, 2+): as for `executed_route`.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
-
-    Examples
-    --------
     >>> from survey.data.route import Leg
     >>> plan = Route((Leg("swath", np.array([[0.0, 0.0], [50.0, 0.0]])),), "EPSG:32608", "by hand")
     >>> deviation_from_route(plan, np.array([[0.0, 0.1], [50.0, 1.0]])).axes[0].get_ylabel()

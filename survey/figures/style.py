@@ -92,20 +92,6 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
 def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     r"""Render a figure; the same figure gives the same bytes (no date, no program name).
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Any figure of this package.
-    dpi : int
-        Pixels per inch.
-
-    Returns
-    -------
-    bytes
-        A PNG file.
-
-    Examples
-    --------
     >>> png_bytes(Figure((1.0, 1.0)))[:4]
     b'\x89PNG'
     """

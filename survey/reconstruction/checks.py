@@ -31,18 +31,10 @@ _MOST_WIDENED = 30.0
 class PredictiveScores:
     """Scores of predictions of held-out points.
 
-    Parameters
-    ----------
-    n : int
-        Number of points.
-    coverage_95 : float
-        Share of the points within the 95 % interval.
-    z_rms : float
-        Root mean square of error over predicted standard deviation; 1 when it is right.
-    log_score : float
-        Mean logarithm of the predictive density [nats]; the higher the better.
-    pit_tenths : (10,) tuple of float
-        Share of the points in each tenth of the predictive distribution; 0.1 each when it is right.
+    `n`: number of points. `coverage_95`: share of the points within the 95 % interval. `z_rms`: root mean
+    square of error over predicted standard deviation; 1 when it is right. `log_score`: mean logarithm of the
+    predictive density [nats]; the higher the better. `pit_tenths` (10,): share of the points in each tenth of
+    the predictive distribution; 0.1 each when it is right.
     """
 
     n: int
@@ -55,20 +47,9 @@ class PredictiveScores:
     def of(cls, error: FloatArray, sigma_m: FloatArray) -> Self:
         """Compute the scores of predictions.
 
-        Parameters
-        ----------
-        error : (M,) ndarray
-            Measured less predicted values [m].
-        sigma_m : (M,) ndarray
-            Standard deviations of the predictions [m].
+        `error` (M,): measured less predicted values [m]. `sigma_m` (M,): standard deviations of the
+        predictions [m].
 
-        Returns
-        -------
-        PredictiveScores
-            Scores over all M points.
-
-        Examples
-        --------
         >>> scores = PredictiveScores.of(np.array([0.1, -0.3]), np.array([0.1, 0.1]))
         >>> scores.coverage_95, round(scores.z_rms, 2)
         (0.5, 2.24)
@@ -88,18 +69,10 @@ class PredictiveScores:
 class HeldOutGroups(NamedTuple):
     """Means of neighbouring points that were left out together.
 
-    Parameters
-    ----------
-    error_m : (K,) ndarray
-        Measured less predicted mean [m].
-    variance_m2 : (K,) ndarray
-        Variance of the prediction [m²].
-    noise_m2 : (K,) ndarray
-        Variance of the mean of the points' own errors [m²].
-    distance_m : (K,) ndarray
-        Distance to the nearest point that the prediction used [m].
-    covariance_m2 : (K, K) ndarray
-        Covariance of the errors by the claim of the map [m²].
+    `error_m` (K,): measured less predicted mean [m]. `variance_m2` (K,): variance of the prediction [m²].
+    `noise_m2` (K,): variance of the mean of the points' own errors [m²]. `distance_m` (K,): distance to the
+    nearest point that the prediction used [m]. `covariance_m2` (K, K): covariance of the errors by the claim
+    of the map [m²].
     """
 
     error_m: FloatArray
@@ -112,17 +85,7 @@ class HeldOutGroups(NamedTuple):
     def mixture(cls, each: Sequence[Self], weights: FloatArray) -> Self:
         """Return the groups of a mixture of maps, as in `HeldOut.mixture`.
 
-        Parameters
-        ----------
-        each : sequence of HeldOutGroups
-            Groups of J maps, of the same points.
-        weights : (J,) ndarray
-            Probabilities of the maps.
-
-        Returns
-        -------
-        HeldOutGroups
-            Groups of the mixture.
+        `weights` (J,): probabilities of the maps.
         """
         error, apart = _about_mean([one.error_m for one in each], weights)
         between = (weights * apart.T) @ apart
@@ -136,22 +99,11 @@ class HeldOutGroups(NamedTuple):
 class HeldOut(DataObject):
     """Points predicted by a map that was made without them.
 
-    Parameters
-    ----------
-    kind : str
-        What was left out one at a time, in the plural: ``swaths``, ``parts of swaths`` or ``discs``.
-    n_blocks : int
-        How many were left out.
-    error_m : (M,) ndarray
-        Measured less predicted height [m].
-    variance_m2 : (M,) ndarray
-        Variance of the prediction [m²].
-    noise_m2 : (M,) ndarray
-        Variance of the point's own error [m²].
-    distance_m : (M,) ndarray
-        Distance to the nearest point that the prediction used [m].
-    groups : HeldOutGroups
-        Means of neighbours, in which the points' own errors average out and those of the map remain.
+    `kind`: what was left out one at a time, in the plural: ``swaths``, ``parts of swaths`` or ``discs``.
+    `n_blocks`: how many were left out. `error_m` (M,): measured less predicted height [m]. `variance_m2`
+    (M,): variance of the prediction [m²]. `noise_m2` (M,): variance of the point's own error [m²].
+    `distance_m` (M,): distance to the nearest point that the prediction used [m]. `groups`: means of
+    neighbours, in which the points' own errors average out and those of the map remain.
     """
 
     kind: str
@@ -166,17 +118,7 @@ class HeldOut(DataObject):
     def mixture(cls, each: Sequence[Self], weights: FloatArray) -> Self:
         """Return the predictions of a mixture of maps of the same points: means, and covariances with that of the means.
 
-        Parameters
-        ----------
-        each : sequence of HeldOut
-            Predictions of K maps, of the same points in the same order.
-        weights : (K,) ndarray
-            Probabilities of the maps.
-
-        Returns
-        -------
-        HeldOut
-            Predictions of the mixture.
+        `weights` (K,): probabilities of the maps.
         """
         first = each[0]
         error, apart = _about_mean([one.error_m for one in each], weights)
@@ -210,22 +152,11 @@ class PredictiveCheck:
     is compared with its distribution for the covariance that the map claims, :math:`\sum_k \lambda_k X_k^2` with
     the eigenvalues λ of the z-scores' correlation over their number. Correlated groups thus count as few.
 
-    Parameters
-    ----------
-    kind : str
-        What was left out one at a time, in the plural.
-    n_blocks : int
-        How many were left out.
-    before, after : PredictiveScores
-        Scores by the map's claim, and after widening.
-    distance_m : (B,) tuple of float
-        Median distance to the nearest remaining point in each range [m].
-    n_effective : (B,) tuple of float
-        Number of independent group means in each range.
-    p_value : (B,) tuple of float
-        Chance of a larger mean square if the claim is right.
-    factor : (B,) tuple of float
-        Factor on the standard deviation, 1 where the test does not reject.
+    `kind`: what was left out one at a time, in the plural. `n_blocks`: how many were left out. `before`,
+    `after`: scores by the map's claim, and after widening. `distance_m` (B,): median distance to the nearest
+    remaining point in each range [m]. `n_effective` (B,): number of independent group means in each range.
+    `p_value` (B,): chance of a larger mean square if the claim is right. `factor` (B,): factor on the
+    standard deviation, 1 where the test does not reject.
     """
 
     kind: str
@@ -241,15 +172,7 @@ class PredictiveCheck:
     def of(cls, held_out: HeldOut) -> Self | None:
         """Test a map by held-out points.
 
-        Parameters
-        ----------
-        held_out : HeldOut
-            Predicted points.
-
-        Returns
-        -------
-        PredictiveCheck or None
-            None with fewer than ten groups of points.
+        Returns: None with fewer than ten groups of points.
         """
         groups = held_out.groups
         if len(groups.error_m) < _N_LEAST:
@@ -285,15 +208,7 @@ class PredictiveCheck:
     def factor_at(self, distance_m: FloatArray) -> FloatArray:
         """Return the factor on the standard deviation.
 
-        Parameters
-        ----------
-        distance_m : ndarray
-            Distances to the nearest point [m].
-
-        Returns
-        -------
-        ndarray
-            Factors, of the same shape.
+        `distance_m`: distances to the nearest point [m].
         """
         return np.interp(distance_m, self.distance_m, self.factor)
 
@@ -317,29 +232,12 @@ class PredictiveCheck:
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return the check for the record of a map.
-
-        Returns
-        -------
-        dict
-            Plain values for JSON.
-        """
+        """Return the check for the record of a map."""
         return asdict(self) | {"level": LEVEL, "contradicts": self.contradicts, "sentence": self.sentence}
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, Any]) -> Self:
-        """Rebuild a check from the record of a map.
-
-        Parameters
-        ----------
-        facts : mapping
-            Values of `facts`.
-
-        Returns
-        -------
-        PredictiveCheck
-            An equal check.
-        """
+        """Rebuild a check from the record of a map."""
         lists = ("distance_m", "n_effective", "p_value", "factor")
         before, after = (
             PredictiveScores(**{**facts[name], "pit_tenths": tuple(facts[name]["pit_tenths"])})
@@ -381,14 +279,8 @@ _STANDARD = ndtri((np.arange(200) + 0.5) / 200)
 class RmsePosterior:
     """Posterior of a root mean square error.
 
-    Parameters
-    ----------
-    expected_m : float
-        Root of the expected mean square error [m].
-    sigma_m : float
-        Standard deviation of the root mean square error, to first order [m].
-    upper_m : float
-        What it stays below with a probability of 95 % [m].
+    `expected_m`: root of the expected mean square error [m]. `sigma_m`: standard deviation of the root mean
+    square error, to first order [m]. `upper_m`: what it stays below with a probability of 95 % [m].
     """
 
     expected_m: float
@@ -403,18 +295,8 @@ class RmsePosterior:
 
         with Q the mean square of errors with this covariance; the expectation of the square is that of Q.
 
-        Parameters
-        ----------
-        covariance_m2 : (M, M) ndarray
-            Covariance of the errors [m²].
+        `covariance_m2` (M, M): covariance of the errors [m²].
 
-        Returns
-        -------
-        RmsePosterior
-            Posterior of their root mean square.
-
-        Examples
-        --------
         >>> one = RmsePosterior.of(0.04 * np.ones((3, 3)))
         >>> round(one.expected_m, 3), round(one.upper_m / one.expected_m, 2)
         (0.2, 2.0)
@@ -440,17 +322,10 @@ def _upper_m2(squared: WeightedChiSquare) -> float:
 class RmseClaim:
     """Posterior of a map's error by its own claim, with the best vertical offset and without.
 
-    Parameters
-    ----------
-    absolute : RmsePosterior
-        Of the errors as they are.
-    relative : RmsePosterior
-        Of the errors less their mean, which a vertical offset removes.
-    offset_sigma_m : float
-        Standard deviation of that mean [m].
-    untested_share : float
-        Share of the ground that lies farther from all points than any point that was left out to test the standard
-        deviation; 0 where nothing was left out.
+    `absolute`: of the errors as they are. `relative`: of the errors less their mean, which a vertical offset
+    removes. `offset_sigma_m`: standard deviation of that mean [m]. `untested_share`: share of the ground that
+    lies farther from all points than any point that was left out to test the standard deviation; 0 where
+    nothing was left out.
     """
 
     absolute: RmsePosterior
@@ -462,17 +337,8 @@ class RmseClaim:
     def of(cls, covariance_m2: FloatArray, std_m: FloatArray) -> Self:
         """Compute the claim of a map from the covariance of its errors, scaled to its stated standard deviations.
 
-        Parameters
-        ----------
-        covariance_m2 : (M, M) ndarray
-            Covariance of the heights at the nodes [m²].
-        std_m : (M,) ndarray
-            Standard deviations that the map states there [m].
-
-        Returns
-        -------
-        RmseClaim
-            Claim over these nodes.
+        `covariance_m2` (M, M): covariance of the heights at the nodes [m²]. `std_m` (M,): standard deviations
+        that the map states there [m].
         """
         scale = std_m / np.sqrt(np.diag(covariance_m2))
         stated = covariance_m2 * np.outer(scale, scale)
@@ -483,29 +349,12 @@ class RmseClaim:
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return the claim for the record of a map.
-
-        Returns
-        -------
-        dict
-            Plain values for JSON.
-        """
+        """Return the claim for the record of a map."""
         return asdict(self)
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, Any]) -> Self:
-        """Rebuild a claim from the record of a map.
-
-        Parameters
-        ----------
-        facts : mapping
-            Values of `facts`.
-
-        Returns
-        -------
-        RmseClaim
-            An equal claim.
-        """
+        """Rebuild a claim from the record of a map."""
         absolute, relative = (RmsePosterior(**facts[name]) for name in ("absolute", "relative"))
         return cls(absolute, relative, facts["offset_sigma_m"], facts.get("untested_share", 0.0))
 

@@ -37,26 +37,11 @@ def config_of(configs: Sequence[Section], kind: type[AnySection]) -> AnySection:
 class MappingTask:
     """Input of one map from points.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-    grid : Grid
-        Nodes of the map, in the points' CRS.
-    prior : Dem or Mean, optional
-        Expected surface.
-    path : PathError, optional
-        Error that the points share through the poses they were seen from.
-    quantity : str
-        Mapped quantity, with its unit.
-    configs : sequence of Section
-        Settings; a method takes those of its own kinds.
-    rays : bool
-        Whether lines of sight bound the map.
-    progress : callable, optional
-        Progress callback of maps that take long.
-    area : SurveyArea, optional
-        Ground of which the map claims its error; the grid by default.
+    `points`: measured points. `grid`: nodes of the map, in the points' CRS. `prior`: expected surface.
+    `path`: error that the points share through the poses they were seen from. `quantity`: mapped quantity,
+    with its unit. `configs`: settings; a method takes those of its own kinds. `rays`: whether lines of sight
+    bound the map. `progress`: progress callback of maps that take long. `area`: ground of which the map
+    claims its error; the grid by default.
     """
 
     points: SurfacePoints
@@ -70,34 +55,15 @@ class MappingTask:
     area: SurveyArea | None = None
 
     def config(self, kind: type[AnySection]) -> AnySection:
-        """Return the settings of one kind, or their defaults.
-
-        Parameters
-        ----------
-        kind : type
-            Class of the settings.
-
-        Returns
-        -------
-        Section
-            Settings of that class.
-        """
+        """Return the settings of one kind, or their defaults."""
         return config_of(self.configs, kind)
 
 
 class MappedTerrain(NamedTuple):
     """A map, the correction of the path where the method estimates one, and the number of points that were mapped.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        The map.
-    correction : PathCorrection, optional
-        Correction of the path.
-    n_points : int
-        Number of points that were mapped.
-    solution : object, optional
-        `JointSolution` that the map was read from, for questions about its covariance.
+    `reconstruction`: the map. `correction`: correction of the path. `n_points`: number of points that were
+    mapped. `solution`: `JointSolution` that the map was read from, for questions about its covariance.
     """
 
     reconstruction: Reconstruction
@@ -112,56 +78,23 @@ class ScanModel(Protocol):
     n_scans_: int
 
     def update(self, points: SurfacePoints) -> Self:
-        """Add one scan.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            One scan.
-        """
+        """Add one scan."""
 
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid.
-
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the map.
-
-        Returns
-        -------
-        Reconstruction
-            Mean, standard deviation and support.
-        """
+        """Return the map on the nodes of a grid."""
 
     def full_grid(self, step_m: float | None = None) -> Grid:
         """Return a grid over everything that was mapped.
 
-        Parameters
-        ----------
-        step_m : float, optional
-            Distance of the nodes [m]; that of the model by default.
-
-        Returns
-        -------
-        Grid
-            Grid over everything that was mapped.
+        `step_m`: distance of the nodes [m]; that of the model by default.
         """
 
 
 class ScanSettings(NamedTuple):
     """Settings of a map from scans: distance of the nodes [m], fixed extent [m], lines of sight, method's settings.
 
-    Parameters
-    ----------
-    step_m : float, optional
-        Distance of the nodes [m].
-    bounds : (4,) tuple of float, optional
-        Fixed extent ``(xmin, ymin, xmax, ymax)`` [m].
-    rays : bool
-        Whether lines of sight bound the map.
-    configs : sequence of Section
-        Settings of the method.
+    `step_m`: distance of the nodes [m]. `bounds` (4,): fixed extent ``(xmin, ymin, xmax, ymax)`` [m]. `rays`:
+    whether lines of sight bound the map. `configs`: settings of the method.
     """
 
     step_m: float | None = None
@@ -174,32 +107,14 @@ class ScanSettings(NamedTuple):
 class ReconstructionMethod:
     """A reconstruction method, as the registry lists it.
 
-    Parameters
-    ----------
-    name : str
-        Name in the API, on the command line and in mission files.
-    summary : str
-        What it is, in a few words.
-    configs : mapping of str to type
-        Settings that it reads, by their section in a mission file.
-    run : callable
-        Maps points on a grid.
-    begin : callable, optional
-        Makes the empty model of a map from scans.
-    sight_lines : {"truncation", "own", "none"}
-        How it uses lines of sight.
-    needs_path : bool
-        Whether it needs the error that points share through the path.
-    uses_prior : bool
-        Whether a prior changes the map.
-    maps_values : bool
-        Whether it maps other quantities than elevation.
-    bytes_per_node : float
-        Memory of a map for every node of its grid [bytes].
-    check : callable, optional
-        Refuses settings that do not fit the extent and the step of a map, before any work.
-    check_cover : callable, optional
-        Refuses settings whose model would not fit into memory over an extent that is covered with points.
+    `name`: name in the API, on the command line and in mission files. `summary`: what it is, in a few words.
+    `configs`: settings that it reads, by their section in a mission file. `run`: maps points on a grid.
+    `begin`: makes the empty model of a map from scans. `sight_lines`: how it uses lines of sight.
+    `needs_path`: whether it needs the error that points share through the path. `uses_prior`: whether a prior
+    changes the map. `maps_values`: whether it maps other quantities than elevation. `bytes_per_node`: memory
+    of a map for every node of its grid [bytes]. `check`: refuses settings that do not fit the extent and the
+    step of a map, before any work. `check_cover`: refuses settings whose model would not fit into memory over
+    an extent that is covered with points.
     """
 
     name: str
@@ -220,21 +135,7 @@ class ReconstructionMethod:
     ) -> None:
         """Refuse a map that would not fit into memory, or settings that do not fit the map.
 
-        Parameters
-        ----------
-        bounds : (xmin, ymin, xmax, ymax)
-            Extent of the map [m].
-        step_m : float
-            Distance between the nodes [m].
-        configs : sequence of Section
-            Settings of the method.
-        covered : bool
-            Whether points will lie all over the extent, as those of a mission do.
-
-        Raises
-        ------
-        InputError
-            A length scale or a step that the map cannot have; the message names the smallest that passes.
+        `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]. `step_m`: distance between the nodes [m].
         """
         require_nodes(bounds, step_m, self.bytes_per_node)
         settings = ScanSettings(step_m, bounds, configs=configs)

@@ -23,15 +23,9 @@ _LEVEL_LOG_SD = 1.0
 class ErrorScale(NamedTuple):
     """Log-normal prior of a standard deviation.
 
-    Parameters
-    ----------
-    median_m : float
-        Median [m]; 0 where the error is absent.
-    log_sd : float
-        Standard deviation of its natural logarithm; 0 where it is known exactly, infinite where nothing is known.
+    `median_m`: median [m]; 0 where the error is absent. `log_sd`: standard deviation of its natural
+    logarithm; 0 where it is known exactly, infinite where nothing is known.
 
-    Examples
-    --------
     >>> ErrorScale(1.0, 0.5).log_density(np.array([np.exp(0.5), np.exp(1.0)]))
     array([-0.5, -2. ])
     """
@@ -47,15 +41,8 @@ class ErrorScale(NamedTuple):
     def log_density(self, sigma_m: FloatArray) -> FloatArray:
         """Return the log density of ln σ, up to a constant.
 
-        Parameters
-        ----------
-        sigma_m : ndarray
-            Standard deviations [m], positive.
-
-        Returns
-        -------
-        ndarray
-            As many log densities; 0 everywhere for a size that is known exactly or not at all.
+        `sigma_m`: standard deviations [m], positive. Returns: as many log densities; 0 everywhere for a size
+        that is known exactly or not at all.
         """
         if self.is_known or not np.isfinite(self.log_sd):
             return np.zeros_like(sigma_m)
@@ -66,26 +53,13 @@ class ErrorScale(NamedTuple):
 class PriorErrors(NamedTuple):
     """Standard deviations of the errors of an elevation product on a survey site.
 
-    Parameters
-    ----------
-    white : ErrorScale
-        Error of a cell, independent of its neighbours'.
-    correlated : ErrorScale
-        Error that neighbouring cells share.
-    correlation_m : float
-        Distance over which its correlation falls to 1/e [m].
-    datum_sigma_m : float
-        Vertical offset of the product from the survey's datum [m].
-    epoch_sigma_m : float
-        Vertical offset by melt, snow and radar penetration since the date of the product [m].
-    tilt_sigma_m_per_km : float
-        Slope of the product's error, to the east and to the north [m/km].
-    shift_sigma_m : float
-        Horizontal displacement of the product, to the east and to the north [m].
-    source : str
-        Specification or study that the values follow.
-    level_log_sd : float
-        Standard deviation of the natural logarithm of both offsets' size; 0 where it is known exactly.
+    `white`: error of a cell, independent of its neighbours'. `correlated`: error that neighbouring cells
+    share. `correlation_m`: distance over which its correlation falls to 1/e [m]. `datum_sigma_m`: vertical
+    offset of the product from the survey's datum [m]. `epoch_sigma_m`: vertical offset by melt, snow and
+    radar penetration since the date of the product [m]. `tilt_sigma_m_per_km`: slope of the product's error,
+    to the east and to the north [m/km]. `shift_sigma_m`: horizontal displacement of the product, to the east
+    and to the north [m]. `source`: specification or study that the values follow. `level_log_sd`: standard
+    deviation of the natural logarithm of both offsets' size; 0 where it is known exactly.
     """
 
     white: ErrorScale

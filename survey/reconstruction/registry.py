@@ -64,8 +64,6 @@ LandmarkErrors = Literal["joint", "inflated", "independent"]
 class ReconstructionConfig(Section):
     """How the terrain is reconstructed.
 
-    Examples
-    --------
     >>> ReconstructionConfig(method="field").rays
     False
     """
@@ -102,17 +100,6 @@ class ReconstructionConfig(Section):
         return self.rays or own.get(self.method, False)
 
     def configs_of(self, method: ReconstructionMethod) -> tuple[Section, ...]:
-        """Return the settings that a method reads.
-
-        Parameters
-        ----------
-        method : ReconstructionMethod
-            Of the registry.
-
-        Returns
-        -------
-        tuple of Section
-            One for each of the method's sections.
-        """
+        """Return the settings that a method reads."""
         sections = dict(self)
         return tuple(sections[name] for name in method.configs)

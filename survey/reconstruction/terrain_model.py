@@ -50,55 +50,17 @@ class TerrainModel(ABC):
 
     @abstractmethod
     def fit(self, points: SurfacePoints) -> Self:
-        """Learn from points, and return the model.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Measured points.
-
-        Returns
-        -------
-        TerrainModel
-            The fitted model.
-        """
+        """Learn from points, and return the model."""
 
     @abstractmethod
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model conditioned on these points too.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Further points.
-
-        Returns
-        -------
-        TerrainModel
-            Fitted to all points so far.
-        """
+        """Return a model conditioned on these points too."""
 
     def predict(self, xy: npt.ArrayLike, what: Quantity = "mean") -> FloatArray:
         """Return one quantity at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) array_like
-            Easting and northing [m].
-        what : {"mean", "std", "lower", "upper", "support"}
-            Height [m], its standard deviation [m], the bounds of a 95 % interval [m], or
-            the support code.
-
-        Returns
-        -------
-        (N,) ndarray
-            NaN where the model is silent.
-
-        Raises
-        ------
-        InputError
-            Before `fit`, NaN among the places, an unknown quantity, or one that the model
-            does not have.
+        `xy` (N, 2): easting and northing [m]. `what`: height [m], its standard deviation [m], the bounds of a
+        95 % interval [m], or the support code. Returns (N,): NaN where the model is silent.
         """
         places = checked(xy, (None, 2), "the places to predict")
         if what not in get_args(Quantity):
@@ -115,63 +77,23 @@ class TerrainModel(ABC):
 
     @abstractmethod
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid.
-
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the map.
-
-        Returns
-        -------
-        Reconstruction
-            Mean, standard deviation and support.
-        """
+        """Return the map on the nodes of a grid."""
 
     @abstractmethod
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw n surfaces (n, H, W) [m] that agree with the points.
 
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the surfaces.
-        n : int
-            Number of surfaces.
-        rng : numpy.random.Generator
-            Source of the draws.
-
-        Returns
-        -------
-        (n, H, W) ndarray
-            Elevations [m].
+        Returns (n, H, W): elevations [m].
         """
 
     @abstractmethod
     def save(self, path: str | Path) -> None:
-        """Write the model to one file.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File to write.
-        """
+        """Write the model to one file."""
 
     @classmethod
     @abstractmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File that `save` wrote.
-
-        Returns
-        -------
-        TerrainModel
-            The fitted model.
-        """
+        """Read what `save` wrote."""
 
     @abstractmethod
     def _height(self, xy: FloatArray) -> FloatArray:

@@ -48,30 +48,7 @@ def write_report(
     The page loads nothing: figures are inside it as WebP, and there are no scripts. Links download tables from the
     page itself, and figures from the folder beside it. Equal input gives equal bytes; the page states no date.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        Made when it does not exist; its parent must.
-    survey : SurveyResults
-        Results to show.
-    title : str
-        Heading of the page.
-    localization : mapping of str to float or None, optional
-        Results of the localization, units in the names.
-    config_text : str
-        The resolved configuration, shown as it is.
-    provenance : mapping of str to str, optional
-        Versions, seed, checksums, in the order to show them.
-
-    Returns
-    -------
-    pathlib.Path
-        Of ``index.html``.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be written to, or the inputs are in different CRS.
+    Returns: of ``index.html``.
     """
     place = Path(folder)
     if not place.parent.is_dir():

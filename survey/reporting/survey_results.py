@@ -20,14 +20,8 @@ from survey.scoring import Score
 class OnBoard:
     """Camera records of a drive that a report shows.
 
-    Parameters
-    ----------
-    tracks : matplotlib.figure.Figure, optional
-        Feature tracks in its images.
-    video : bytes, optional
-        Images of the drive as an animated WebP.
-    estimated : (N, 2) ndarray, optional
-        Position by which the rover steered [m]; the drive is then shown beside its plan.
+    `tracks`: feature tracks in its images. `video`: images of the drive as an animated WebP. `estimated` (N,
+    2): position by which the rover steered [m]; the drive is then shown beside its plan.
     """
 
     tracks: Figure | None = None
@@ -39,20 +33,10 @@ class OnBoard:
 class RoverDrive:
     """Drive of one rover of a fleet.
 
-    Parameters
-    ----------
-    trajectory, reference_trajectory : Trajectory
-        Estimated and true path.
-    ending : str
-        How the drive ended: ``arrived``, ``stalled`` …
-    duration_s : float
-        Time from the departure to the end of the drive [s].
-    energy_j : float
-        Energy drawn from the battery [J].
-    horizontal_rms_m, vertical_rms_m : float, optional
-        Error of the estimated path [m].
-    n_ties : int
-        Number of places that it shares with other rovers.
+    `trajectory`, `reference_trajectory`: estimated and true path. `ending`: how the drive ended: ``arrived``,
+    ``stalled`` …. `duration_s`: time from the departure to the end of the drive [s]. `energy_j`: energy drawn
+    from the battery [J]. `horizontal_rms_m`, `vertical_rms_m`: error of the estimated path [m]. `n_ties`:
+    number of places that it shares with other rovers.
     """
 
     trajectory: Trajectory
@@ -69,12 +53,8 @@ class RoverDrive:
 class FleetResults:
     """Drives of a fleet.
 
-    Parameters
-    ----------
-    rovers : tuple of RoverDrive
-        In the order of the rovers.
-    losses : mapping of str to float
-        What the loss of rovers cost, units in the names; empty without a loss.
+    `rovers`: in the order of the rovers. `losses`: what the loss of rovers cost, units in the names; empty
+    without a loss.
     """
 
     rovers: tuple[RoverDrive, ...]
@@ -85,14 +65,8 @@ class FleetResults:
 class PayloadResults:
     """Map of one quantity of a science payload.
 
-    Parameters
-    ----------
-    quantity : Quantity
-        Name and unit.
-    mapped : Reconstruction
-        Its map.
-    scores : mapping of str to float
-        ``rmse``, ``coverage_95``, ``claimed_rms`` and ``scc``; empty without a reference.
+    `quantity`: name and unit. `mapped`: its map. `scores`: ``rmse``, ``coverage_95``, ``claimed_rms`` and
+    ``scc``; empty without a reference.
     """
 
     quantity: Quantity
@@ -104,14 +78,8 @@ class PayloadResults:
 class HazardResults:
     """Ground beyond the rover's largest slope.
 
-    Parameters
-    ----------
-    probability : Dem
-        Probability at each node.
-    max_slope_deg : float
-        The limit [deg].
-    facts : mapping of str to float
-        Share of no-go ground and risk of the route, units in the names.
+    `probability`: probability at each node. `max_slope_deg`: the limit [deg]. `facts`: share of no-go ground
+    and risk of the route, units in the names.
     """
 
     probability: Dem
@@ -123,34 +91,13 @@ class HazardResults:
 class SurveyResults:
     """A finished survey with its reference and score.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        Area to be mapped; errors are shown inside it only.
-    prior : Dem or None
-        Prior terrain.
-    truth : Dem
-        The reference terrain.
-    route : Route
-        Driven or planned route.
-    reconstruction : Reconstruction
-        Map of the survey.
-    score : Score
-        Score of the map; its first verdict is the headline.
-    trajectory, reference_trajectory : Trajectory, optional
-        Estimated and true path; drawn when both are given.
-    points : SurfacePoints, optional
-        Points that the map was made from.
-    points_name : str
-        What the points are.
-    on_board : OnBoard, optional
-        Camera records, where there was a camera.
-    fleet : FleetResults, optional
-        Drives of several rovers, instead of one trajectory.
-    payload : tuple of PayloadResults
-        Maps of the quantities that a science payload measured.
-    hazard : HazardResults, optional
-        Steep ground, and the risk of the route.
+    `area`: area to be mapped; errors are shown inside it only. `prior`: prior terrain. `truth`: the reference
+    terrain. `route`: driven or planned route. `reconstruction`: map of the survey. `score`: score of the map;
+    its first verdict is the headline. `trajectory`, `reference_trajectory`: estimated and true path; drawn
+    when both are given. `points`: points that the map was made from. `points_name`: what the points are.
+    `on_board`: camera records, where there was a camera. `fleet`: drives of several rovers, instead of one
+    trajectory. `payload`: maps of the quantities that a science payload measured. `hazard`: steep ground, and
+    the risk of the route.
     """
 
     area: SurveyArea

@@ -32,20 +32,8 @@ class SampleCells:
     The cells are counted from the south-western corner of the area's bounds; a cell belongs
     to the area when its centre lies on free ground.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The ground to be mapped.
-    step_m : float
-        Width of a cell [m].
+    `area`: the ground to be mapped. `step_m`: width of a cell [m].
 
-    Raises
-    ------
-    InputError
-        A width that is not positive, or so large that no centre lies in the area.
-
-    Examples
-    --------
     >>> cells = SampleCells(SurveyArea.rectangle((0.0, 0.0, 30.0, 20.0), "EPSG:32608"), 10.0)
     >>> len(cells.centres)
     6
@@ -91,15 +79,7 @@ class SampleCells:
 
         Places on the area's northern and eastern bounds count for the cell that ends there.
 
-        Parameters
-        ----------
-        xy : (N, 2) array_like
-            Easting and northing [m].
-
-        Returns
-        -------
-        (M, 2) ndarray
-            Each cell once [m].
+        `xy` (N, 2): easting and northing [m]. Returns (M, 2): each cell once [m].
         """
         points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
         xmin, ymin, xmax, ymax = self.area.bounds
@@ -123,27 +103,13 @@ def science_coverage(samples: Any, possible: Any, reference: Any) -> float:
 
     .. math::  SCC = \sum_{m=1}^M \|x_m - x_{ref}\| \Big/ \sum_{s=1}^S \|x_s - x_{ref}\|
 
-    Parameters
-    ----------
-    samples : (M, 2) array_like
-        Easting and northing of the samples, each place once [m].
-    possible : (S, 2) array_like
-        Every place where a sample could be taken [m].
-    reference : (2,) array_like
-        The point from which value is counted [m].
+    `samples` (M, 2): easting and northing of the samples, each place once [m]. `possible` (S, 2): every place
+    where a sample could be taken [m]. `reference` (2,): the point from which value is counted [m]. Returns:
+    between 0 and 1 when the samples are among the possible ones.
 
-    Returns
-    -------
-    float
-        Between 0 and 1 when the samples are among the possible ones.
-
-    Notes
-    -----
     The weight makes a sample at the reference worth nothing and one in the farthest corner
     worth most; read it beside the plain share of cells.
 
-    Examples
-    --------
     >>> square = [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
     >>> science_coverage(square[:2], square, (0.5, 0.5))
     0.5
@@ -241,26 +207,12 @@ def centeredness(samples: Any, reference: Any, farthest_m: float) -> float:
 
     .. math::  \alpha = \| \tfrac{1}{M} \sum_m x_m - x_{ref} \| / D_{max}
 
-    Parameters
-    ----------
-    samples : (M, 2) array_like
-        Easting and northing of every sample taken, repeats included [m].
-    reference : (2,) array_like
-        The centre of the area [m].
-    farthest_m : float
-        :math:`D_{max}`: distance from the reference to the farthest point of the area [m].
+    `samples` (M, 2): easting and northing of every sample taken, repeats included [m]. `reference` (2,): the
+    centre of the area [m]. `farthest_m`: :math:`D_{max}`: distance from the reference to the farthest point
+    of the area [m]. Returns: 0 (best) to 1.
 
-    Returns
-    -------
-    float
-        0 (best) to 1.
-
-    Notes
-    -----
     Samples crowded around the centre and samples along the border both give 0.
 
-    Examples
-    --------
     >>> centeredness([[0.0, 0.0], [6.0, 8.0]], (0.0, 0.0), farthest_m=10.0)
     0.5
     """
@@ -284,21 +236,9 @@ def distribution(route: Route, tracks: Sequence[RouteSamples]) -> float | None:
     those steps. The paper divides by M − 1 in any case; steps from one swath to the
     next and samples on transits are left out here.
 
-    Parameters
-    ----------
-    route : Route
-        The legs and their axes.
-    tracks : sequence of RouteSamples
-        `Route.sample` of every rover.
+    Returns: 0 for straight swaths; ``None`` when swaths deviate but never by a metre from one sample to the
+    next, or when no sample lies on a swath.
 
-    Returns
-    -------
-    float or None
-        0 for straight swaths; ``None`` when swaths deviate but never by a metre from one
-        sample to the next, or when no sample lies on a swath.
-
-    Examples
-    --------
     >>> from survey.data.route import Leg
     >>> zigzag = Leg("swath", [[0, 0], [6, 8], [12, 0]], axis=[[0, 0], [12, 0]])
     >>> route = Route((zigzag,), "EPSG:32608", "zigzag")
@@ -337,14 +277,8 @@ def _across(axis: FloatArray, xy: FloatArray) -> FloatArray:
 class NodeCounts(NamedTuple):
     """Numbers of nodes that a score leaves out.
 
-    Parameters
-    ----------
-    outside : int
-        Outside the area.
-    unknown : int
-        In the area, with a height in the map and none in the reference.
-    silent : int
-        In the area, without a height in the map.
+    `outside`: outside the area. `unknown`: in the area, with a height in the map and none in the reference.
+    `silent`: in the area, without a height in the map.
     """
 
     outside: int

@@ -34,36 +34,11 @@ def squared_exponential_field(
 
     The covariance is :math:`\exp(-h^2 / 2 l^2)` before the heights are scaled to the relief.
 
-    Parameters
-    ----------
-    grid : Grid
-        Where the heights are wanted.
-    rng : numpy.random.Generator
-        Source of the draws.
-    relief_m : float
-        Highest minus lowest node [m]; the lowest is at 0.
-    length_scale_m : float
-        The length l [m].
+    `relief_m`: highest minus lowest node [m]; the lowest is at 0. `length_scale_m`: the length l [m].
 
-    Returns
-    -------
-    Dem
-        On the grid, without a vertical datum.
-
-    Raises
-    ------
-    InputError
-        A relief that is not positive, or a step too coarse for the length scale.
-    ConfigError
-        A length scale that is not positive.
-
-    Notes
-    -----
     Scaling to one relief makes the variance a random number: the drawn terrain has the
     shape of the stated covariance, not its height.
 
-    Examples
-    --------
     >>> grid = Grid((0.0, 0.0, 600.0, 600.0), 50.0)
     >>> dem = squared_exponential_field(grid, np.random.default_rng(1), relief_m=25.0)
     >>> dem.shape, dem.relief_m
@@ -119,29 +94,11 @@ def fractional_brownian(
     The mean squared height difference grows with the distance as :math:`h^{2H}`, from a
     spectrum :math:`S(\omega) \propto \omega^{-2H-2}` [Mandelbrot, 1982].
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes of the terrain.
-    rng : numpy.random.Generator
-        For the draw.
-    relief_m : float
-        Difference between the highest and the lowest node [m].
-    hurst : float
-        The exponent H, between 0 (rough) and 1 (smooth), both excluded.
+    `relief_m`: difference between the highest and the lowest node [m].
 
-    Returns
-    -------
-    Dem
-        On the grid.
-
-    Notes
-    -----
     Waves longer than the padded box (three times the site) are missing, so the growth
     slackens over distances near the site's width.
 
-    Examples
-    --------
     >>> fractional_brownian(Grid((0.0, 0.0, 60.0, 60.0), 2.0), np.random.default_rng(1)).relief_m
     25.0
     """
@@ -178,29 +135,12 @@ def spectral_field(
     itself; it is at least `padding_m` wider than the grid, so no two nodes of the grid
     are nearer around the box than that.
 
-    Parameters
-    ----------
-    grid : Grid
-        Where the heights are wanted.
-    rng : numpy.random.Generator
-        Source of the draws, used from the longest wave to the shortest: a grid of the
-        same bounds and a finer step gives the same field with finer waves added.
-    density : callable
-        Maps angular frequencies (..., 2), east and north [rad/m], to the spectral density
-        [m⁴], whose integral over the plane is (2π)² times the variance.
-    padding_m : float
-        Distance beyond which correlations may be neglected [m].
+    `density`: maps angular frequencies (..., 2), east and north [rad/m], to the spectral density [m⁴], whose
+    integral over the plane is (2π)² times the variance. `padding_m`: distance beyond which correlations may
+    be neglected [m]. Returns `heights` (H, W): height [m], mean 0 over the draws. `variance_m2`: variance
+    that the waves on the box carry [m²]: what is lost beyond the grid's shortest wave (two steps) is missing
+    here.
 
-    Returns
-    -------
-    heights : (H, W) ndarray
-        Height [m], mean 0 over the draws.
-    variance_m2 : float
-        Variance that the waves on the box carry [m²]: what is lost beyond the grid's
-        shortest wave (two steps) is missing here.
-
-    Examples
-    --------
     >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 1.0)
     >>> kernel = SquaredExponential(4.0, 5.0)
     >>> heights, variance = spectral_field(

@@ -20,12 +20,7 @@ _VERTICAL_DATUM = "EGM96 height"
 class SampleSite(NamedTuple):
     """A real site with its coarse prior.
 
-    Parameters
-    ----------
-    prior : Dem
-        Coarse cells on and around the site.
-    bounds : (4,) tuple of float
-        West, south, east and north of the site [m].
+    `prior`: coarse cells on and around the site. `bounds` (4,): west, south, east and north of the site [m].
     """
 
     prior: Dem
@@ -39,31 +34,13 @@ def real_sample(cell_m: float = 75.0) -> Dem:
     30 km, 236 to 1076 m), found through matplotlib's own sample-data call and reprojected
     bilinearly.
 
-    Parameters
-    ----------
-    cell_m : float
-        Width of the square cells [m]; the source has about 75 m by 93 m.
+    `cell_m`: width of the square cells [m]; the source has about 75 m by 93 m.
 
-    Returns
-    -------
-    Dem
-        Heights above the EGM96 geoid, as the mission delivers them; the file does not
-        state its datum. Nodata where the turned source leaves corners.
-
-    Raises
-    ------
-    InputError
-        When matplotlib was installed without its sample data.
-
-    Notes
-    -----
     The source has whole metres. Of its stored latitudes ``ymax`` (36.446°) is the northern
     edge; ``ymin`` (36.733°) is wrong, being counted northward from there: with 36.446° the
     highest cell falls on the summit of Cross Mountain (36.1983° N, 84.2306° W, 1077 m).
     Heights include trees, as the radar saw them.
 
-    Examples
-    --------
     >>> dem = real_sample()
     >>> dem.crs.name, dem.vertical_datum
     ('WGS 84 / UTM zone 16N', 'EGM96 height')
@@ -78,27 +55,8 @@ def sample_site(row: int = 197, column: int = 238, n_cells: int = 8, margin: int
     The default is the window of 23 to 27 m relief that departs least from a plane: a simple
     downward slope, as the site of the glacier paper is.
 
-    Parameters
-    ----------
-    row, column : int
-        Of the window's north-western cell of 75 m in `real_sample`.
-    n_cells : int
-        Cells along each side; 8 make the paper's 600 × 600 m.
-    margin : int
-        Further cells around the window, which a smooth interpolation needs at its edges.
+    Returns: the prior with its margin, and the bounds of the site within it [m].
 
-    Returns
-    -------
-    SampleSite
-        The prior with its margin, and the bounds of the site within it [m].
-
-    Raises
-    ------
-    InputError
-        When the window with its margin reaches beyond the sample or onto nodata.
-
-    Examples
-    --------
     >>> site = sample_site()
     >>> site.prior.shape, site.bounds[2] - site.bounds[0]
     ((16, 16), 600.0)

@@ -26,19 +26,10 @@ from survey.reconstruction.prior_likelihood import correlation
 class SatelliteDem(Dem):
     """A coarse DEM with the standard deviation of its cells.
 
-    Parameters
-    ----------
-    elevation : (H, W) array_like
-        Heights [m], row 0 in the north; NaN for nodata.
-    transform : affine.Affine
-        Maps (column, row) of a cell's corner to easting and northing.
-    crs : str or pyproj.CRS
-        Projected, in metres.
-    vertical_datum : str
-        Datum of the heights; ``""`` when unstated.
-    sigma_m : float
-        Standard deviation of each cell's independent error [m]; NaN for what is derived
-        from the heights, such as a slope.
+    `elevation` (H, W): heights [m], row 0 in the north; NaN for nodata. `transform`: maps (column, row) of a
+    cell's corner to easting and northing. `crs`: projected, in metres. `vertical_datum`: datum of the
+    heights; ``""`` when unstated. `sigma_m`: standard deviation of each cell's independent error [m]; NaN for
+    what is derived from the heights, such as a slope.
     """
 
     sigma_m: float = float("nan")
@@ -46,15 +37,7 @@ class SatelliteDem(Dem):
     def window(self, bounds: tuple[float, float, float, float]) -> Self:
         """Return the cells whose centres lie within the bounds, with the same noise.
 
-        Parameters
-        ----------
-        bounds : (4,) tuple of float
-            West, south, east and north [m].
-
-        Returns
-        -------
-        SatelliteDem
-            The cells whose centres lie within the bounds.
+        `bounds` (4,): west, south, east and north [m].
         """
         return replace(super().window(bounds), sigma_m=self.sigma_m)
 
@@ -260,32 +243,12 @@ def smooth_interpolation(coarse: Dem, grid: Grid) -> Dem:
     The surface is the product of both axes. It rises above the highest cell and falls below
     the lowest one, as the terrain does whose means they are.
 
-    Parameters
-    ----------
-    coarse : Dem
-        Cell means [m], without nodata; a margin of two or more cells around the grid keeps the
-        free ends of the splines away from it.
-    grid : Grid
-        Where the surface is wanted, within the cells' outer edges.
+    `coarse`: cell means [m], without nodata; a margin of two or more cells around the grid keeps the free
+    ends of the splines away from it.
 
-    Returns
-    -------
-    Dem
-        On the grid, with the coarse cells' vertical datum.
-
-    Raises
-    ------
-    InputError
-        Nodata among the cells, fewer than 5 × 5 of them, another CRS, a grid that reaches
-        beyond them.
-
-    Notes
-    -----
     A step in the terrain makes the surface swing beside it (Gibbs). What is smaller than a
     cell cannot come back.
 
-    Examples
-    --------
     >>> x, y = np.meshgrid(np.arange(6.0), np.arange(5.0))
     >>> coarse = Dem.on(Grid((0.0, 0.0, 5.0, 4.0), 1.0), x + 2.0 * y)
     >>> smooth_interpolation(coarse, Grid((1.0, 1.0, 2.0, 2.0), 0.5)).elevation[0]

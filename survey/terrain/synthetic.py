@@ -50,32 +50,9 @@ def gaussian_hills(
 ) -> Dem:
     """Draw a sum of round Gaussian hills.
 
-    Parameters
-    ----------
-    grid : Grid
-        Where the heights are wanted.
-    rng : numpy.random.Generator
-        Source of the draws, which do not depend on the grid's step.
-    relief_m : float
-        Highest minus lowest node [m]; the lowest is at 0.
-    n_hills : int
-        Number of hills; their tops lie anywhere on the site, their heights are in the
-        ratio 0.2 to 1.
-    radius_m : (2,) tuple of float
-        Least and largest standard deviation of a hill [m].
+    `relief_m`: highest minus lowest node [m]; the lowest is at 0. `radius_m` (2,): least and largest standard
+    deviation of a hill [m].
 
-    Returns
-    -------
-    Dem
-        On the grid, above an unstated datum.
-
-    Raises
-    ------
-    InputError
-        No hills, radii that are not positive or not in order.
-
-    Examples
-    --------
     >>> gaussian_hills(Grid((0.0, 0.0, 600.0, 600.0), 20.0), np.random.default_rng(1)).relief_m
     25.0
     """
@@ -100,24 +77,8 @@ def cosine_surface(grid: Grid, rng: np.random.Generator, *, relief_m: float = 25
 
     with u and v running from 0 to 1 across the site. The weights are our choice.
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes of the terrain.
-    rng : numpy.random.Generator
-        For the draw.
-    relief_m : float
-        Difference between the highest and the lowest node [m].
-    order : int
-        Highest number of half waves across the site, at least 1.
+    `relief_m`: difference between the highest and the lowest node [m].
 
-    Returns
-    -------
-    Dem
-        On the grid, above an unstated datum.
-
-    Examples
-    --------
     >>> cosine_surface(Grid((0.0, 0.0, 600.0, 600.0), 20.0), np.random.default_rng(1)).relief_m
     25.0
     """
@@ -145,26 +106,9 @@ def slope_and_waves(
 ) -> Dem:
     """Draw a plane with sinusoidal waves of random direction.
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes of the terrain.
-    rng : numpy.random.Generator
-        For the draw.
-    relief_m : float
-        Difference between the highest and the lowest node [m].
-    n_waves : int
-        Number of waves, at least 1; together they are as high as the plane falls across the site.
-    wavelength_m : (2,) tuple of float
-        Shortest and longest wave [m].
+    `relief_m`: difference between the highest and the lowest node [m]. `wavelength_m` (2,): shortest and
+    longest wave [m].
 
-    Returns
-    -------
-    Dem
-        On the grid, above an unstated datum.
-
-    Examples
-    --------
     >>> slope_and_waves(Grid((0.0, 0.0, 600.0, 600.0), 20.0), np.random.default_rng(1)).relief_m
     25.0
     """
@@ -190,31 +134,12 @@ def diamond_square(
 ) -> Dem:
     """Draw terrain by midpoint displacement [Fournier, Fussell and Carpenter, 1982].
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes of the terrain.
-    rng : numpy.random.Generator
-        For the draw.
-    relief_m : float
-        Difference between the highest and the lowest node [m].
-    roughness : float
-        Size of the displacements at one level divided by that at the level before,
-        between 0 (smooth) and 1 (rough), both excluded.
+    `relief_m`: difference between the highest and the lowest node [m].
 
-    Returns
-    -------
-    Dem
-        On the grid, above an unstated datum.
-
-    Notes
-    -----
     The square that is divided has 2ⁿ steps and covers the grid from its south-west corner.
     Halving the step of a grid keeps the nodes that there were before. The method leaves
     creases along the axes: it is no stationary field.
 
-    Examples
-    --------
     >>> diamond_square(Grid((0.0, 0.0, 60.0, 60.0), 2.0), np.random.default_rng(1)).relief_m
     25.0
     """

@@ -375,22 +375,11 @@ class ParticleFilter:
     fixes have a constant offset, as after a jump: the alternative is accepted after two
     minutes. Fixes that agree with the first set end the alternative.
 
-    Parameters
-    ----------
-    config : LocalizationConfig
-        What is assumed of the sensors.
-    rng : numpy.random.Generator
-        Draws of the particles.
-    n_particles : int
-        How many headings, where the heading is not known.
-    start : (3,) ndarray, optional
-        Where the rover starts, as exactly as `config` says. None is a start anywhere:
-        particles come from the first fix, with every heading.
-    lost_m : float
-        Standard deviation of the horizontal position above which the filter says lost.
+    `config`: what is assumed of the sensors. `rng`: draws of the particles. `n_particles`: how many headings,
+    where the heading is not known. `start` (3,): where the rover starts, as exactly as `config` says. None is
+    a start anywhere: particles come from the first fix, with every heading. `lost_m`: standard deviation of
+    the horizontal position above which the filter says lost.
 
-    Examples
-    --------
     >>> known = ParticleFilter(LocalizationConfig(), np.random.default_rng(1), start=np.zeros(3))
     >>> for _ in range(20):
     ...     known.move(np.array([0.5, 0.0, 0.0]), 0.5)
@@ -426,16 +415,7 @@ class ParticleFilter:
     ) -> None:
         """Predict by a step of the odometry.
 
-        Parameters
-        ----------
-        step : (3,) ndarray
-            Motion in the frame of the odometry [m].
-        seconds : float
-            Its duration [s].
-        unseen_m, unseen_rad : float
-            Additional errors of step and heading where no image measured the motion.
-        turn : GyroTurn, optional
-            Turn of the gyro relative to the odometry.
+        `step` (3,): motion in the frame of the odometry [m]. `seconds`: its duration [s].
         """
         for hypotheses in (self._current, self._alternative):
             if hypotheses is not None:
@@ -446,12 +426,7 @@ class ParticleFilter:
     def roll(self, rolled_m: float, travel_m: float, turned_rad: float) -> None:
         """Update the scale of the odometry by the travel of the wheels during the last step.
 
-        Parameters
-        ----------
-        rolled_m, travel_m : float
-            Travel by wheels and by odometry [m], negative in reverse.
-        turned_rad : float
-            Turn of the heading during the step.
+        `rolled_m`, `travel_m`: travel by wheels and by odometry [m], negative in reverse.
         """
         for hypotheses in (self._current, self._alternative):
             if hypotheses is not None:
@@ -460,19 +435,8 @@ class ParticleFilter:
     def correct(self, fix: FloatArray, error_ratio: float = 1.0, along_m: FloatArray | None = None) -> bool:
         """Update the particles by a fix.
 
-        Parameters
-        ----------
-        fix : (3,) ndarray
-            Position of the body [m].
-        error_ratio : float
-            Errors of this fix over those that the configuration assumes.
-        along_m : (3,) ndarray, optional
-            Additional error by the clock of the fixes, in the frame of the odometry [m].
-
-        Returns
-        -------
-        bool
-            Whether the fix passed the gate.
+        `fix` (3,): position of the body [m]. `along_m` (3,): additional error by the clock of the fixes, in
+        the frame of the odometry [m].
         """
         if self._current is None:
             self._current = Hypotheses.anywhere(fix, self._n, self._config, self._rng, error_ratio)
@@ -488,28 +452,14 @@ class ParticleFilter:
     def correct_height(self, height_m: float) -> None:
         """Update the particles by a height of the barometer, whose datum is unknown.
 
-        Parameters
-        ----------
-        height_m : float
-            Pressure altitude [m].
+        `height_m`: pressure altitude [m].
         """
         for hypotheses in (self._current, self._alternative):
             if hypotheses is not None:
                 hypotheses.correct_height(height_m)
 
     def estimate(self) -> FilterEstimate:
-        """Return mean and covariance of the particles.
-
-        Returns
-        -------
-        FilterEstimate
-            Position, heading, scale and whether the filter is lost.
-
-        Raises
-        ------
-        InputError
-            No fix has come yet and no start was given.
-        """
+        """Return mean and covariance of the particles."""
         if self._current is None:
             raise InputError(
                 "the filter has neither a start nor a fix; give it one before asking where it is."

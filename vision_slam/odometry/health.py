@@ -26,21 +26,11 @@ _FEW, _MANY = 0.25, 0.5  # of the corners that are wanted
 class FrameHealth:
     """Image and tracking quality of one frame.
 
-    Parameters
-    ----------
-    entropy_bits : float
-        Entropy of the grey values [bits].
-    saturated : float
-        Share of white or black pixels.
-    sharpness : float
-        Standard deviation of the Laplacian [grey levels].
-    n_followed : int
-        Number of tracked corners.
-    n_inliers : int
-        Number of corners that agree with one pose. Where the last view before a gap was recognized, no corner was
-        tracked, and the inliers are features of that view.
-    is_visual : bool
-        Whether the pose comes from images; else wheels and gyro bridge it.
+    `entropy_bits`: entropy of the grey values [bits]. `saturated`: share of white or black pixels.
+    `sharpness`: standard deviation of the Laplacian [grey levels]. `n_followed`: number of tracked corners.
+    `n_inliers`: number of corners that agree with one pose. Where the last view before a gap was recognized,
+    no corner was tracked, and the inliers are features of that view. `is_visual`: whether the pose comes from
+    images; else wheels and gyro bridge it.
     """
 
     entropy_bits: float

@@ -46,24 +46,13 @@ _SCALE_PER_RAD, _UNMODELLED_RAD = 0.16, 10.0 / 720.0
 class LensEstimate(DataObject):
     """Lens estimated from the images of a drive.
 
-    Parameters
-    ----------
-    camera : Camera
-        The estimated calibration where it is accepted, else the given one.
-    is_accepted : bool
-        Whether the images contradict the given lens and determine another.
-    lens : (3,) ndarray
-        Estimated logarithm of the factor of the focal length, and changes of k1 and k2.
-    sigma : (3,) ndarray
-        Their standard deviations; NaN where nothing was estimated.
-    border_px : float
-        Root mean square distance between estimated and given lens at the border of the image [pixels].
-    turned_deg : float
-        Largest turn within the part of the drive that was used [deg].
-    scale_sigma : float
-        Relative drift of the scale that the lens may cause over the drive.
-    note : str
-        The result in one sentence.
+    `camera`: the estimated calibration where it is accepted, else the given one. `is_accepted`: whether the
+    images contradict the given lens and determine another. `lens` (3,): estimated logarithm of the factor of
+    the focal length, and changes of k1 and k2. `sigma` (3,): their standard deviations; NaN where nothing was
+    estimated. `border_px`: root mean square distance between estimated and given lens at the border of the
+    image [pixels]. `turned_deg`: largest turn within the part of the drive that was used [deg].
+    `scale_sigma`: relative drift of the scale that the lens may cause over the drive. `note`: the result in
+    one sentence.
     """
 
     camera: Camera

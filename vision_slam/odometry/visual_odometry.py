@@ -33,26 +33,6 @@ def visual_odometry(
 
     Where the setting `lens` asks for it, the lens is estimated after a first pass over all images;
     further passes follow where the images contradict the given lens, until the estimate settles.
-
-    Parameters
-    ----------
-    recording : Recording or ImageSequence
-        Camera, frames and, where there are any, wheels, inertial records and compass.
-    config : VisualOdometryConfig, optional
-        Settings of detection, tracking and the keyframe window.
-    progress : callable, optional
-        Progress callback (stage, done, total).
-
-    Returns
-    -------
-    VisualOdometry
-        Odometry, sightings and frame health.
-
-    Raises
-    ------
-    InputError
-        No images, fewer than two, images that do not fit their calibration, or that contradict gyro, wheels or
-        mounting.
     """
     if recording.frames is None or recording.camera is None:
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")

@@ -54,17 +54,10 @@ class VisualSlam:
     Poses are relative to `start`. Their scale is that of the wheels; without wheels the first
     step is one unit, and the position of the camera on the body must be zero, since it is in metres.
 
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
-    config : VisualOdometryConfig, optional
-        Settings of detection, tracking and the keyframe window.
-    start : (4, 4) ndarray, optional
-        Pose at the first image, with z up; the identity by default.
-    ground_height : float, optional
-        First guess of the height of the camera above the ground in units of the path, which predicts where
-        new corners go; the mounted height by default.
+    `camera`: calibration and mounting. `config`: settings of detection, tracking and the keyframe window.
+    `start` (4, 4): pose at the first image, with z up; the identity by default. `ground_height`: first guess
+    of the height of the camera above the ground in units of the path, which predicts where new corners go;
+    the mounted height by default.
     """
 
     def __init__(
@@ -100,24 +93,7 @@ class VisualSlam:
     def step(self, image: Image, time_s: float, motion: RelativeMotion | None) -> FramePose:
         """Process the next image.
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) ndarray of uint8
-            Grey, or blue, green, red.
-        time_s : float
-            Its time [s].
-        motion : RelativeMotion, optional
-            Motion by wheels and gyro since the image before; None for the first.
-
-        Returns
-        -------
-        FramePose
-            Pose relative to its keyframe, and health.
-
-        Raises
-        ------
-        InputError
-            The image does not fit the calibration.
+        `image` (H, W) or (H, W, 3): grey, or blue, green, red. `time_s`: its time [s].
         """
         self.keyframe_turn = None
         grey = grey_of(image, self.camera.width, self.camera.height)
@@ -160,15 +136,7 @@ class VisualSlam:
     def pose(self, frame: FramePose) -> FloatArray:
         """Return the current estimate of the pose of the body at a frame.
 
-        Parameters
-        ----------
-        frame : FramePose
-            Result of `step`.
-
-        Returns
-        -------
-        (4, 4) ndarray
-            Body to the frame of `start`.
+        Returns (4, 4): body to the frame of `start`.
         """
         placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
         return placed

@@ -169,16 +169,8 @@ _EVERY_POSE = 2  # of the first drive's poses a metre apart: a view reaches 3 m 
 class SeenDrive(NamedTuple):
     """Images of a drive and what was estimated from them.
 
-    Parameters
-    ----------
-    frames : Frames
-        Images.
-    camera : Camera
-        That took them.
-    visual : VisualOdometry
-        Their odometry and landmarks, in metres and for the body.
-    trajectory : Trajectory
-        Estimated path, at the times of the odometry.
+    `frames`: images. `camera`: that took them. `visual`: their odometry and landmarks, in metres and for the
+    body. `trajectory`: estimated path, at the times of the odometry.
     """
 
     frames: Frames
@@ -194,23 +186,8 @@ def detect_drive_ties(drives: Sequence[SeenDrive]) -> DriveTies | None:
     ground around them looks like from above, as `detect_loop_closures` does within a drive; of each meeting the
     overlay counts on which most features agree.
 
-    Parameters
-    ----------
-    drives : sequence of SeenDrive
-        Two or more drives over the same ground, in one CRS.
+    Returns: None where no two drives saw a common place.
 
-    Returns
-    -------
-    DriveTies or None
-        None where no two drives saw a common place.
-
-    Raises
-    ------
-    InputError
-        The odometry of a drive has lengths without a scale, or times that its path lacks.
-
-    Notes
-    -----
     The light must come from about the same side on all drives. Views reach 3 m to each side, so that drives whose
     paths stay farther apart have no ties; the map ties them by the ground that both saw.
     """

@@ -26,8 +26,6 @@ from survey.io.tables import read_table, write_table
 class Scanner(Section):
     """Geometry and stated errors of a spinning LiDAR, as its data sheet and its mounting give them.
 
-    Examples
-    --------
     >>> Scanner(elevation_deg=(0.0,), n_columns=4).rays()[1, 0].round(6).tolist()
     [0.0, 1.0, 0.0]
     """
@@ -47,23 +45,14 @@ class Scanner(Section):
 
     @classmethod
     def hdl_64(cls) -> "Scanner":
-        """Return the Velodyne HDL-64: 32 beams from 2° to -8.33° and 32 from -8.83° to -24.33°, 2083 columns.
-
-        Returns
-        -------
-        Scanner
-            With the default errors and mounting.
-        """
+        """Return the Velodyne HDL-64: 32 beams from 2° to -8.33° and 32 from -8.83° to -24.33°, 2083 columns."""
         upper, lower = np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)
         return cls(elevation_deg=(*upper.tolist(), *lower.tolist()), n_columns=2083)
 
     def rays(self) -> FloatArray:
         """Return the directions of all beams; columns turn counter-clockwise from ahead.
 
-        Returns
-        -------
-        (n_columns, n_beams, 3) ndarray
-            Unit vectors in the body's frame.
+        Returns (n_columns, n_beams, 3): unit vectors in the body's frame.
         """
         azimuth = 2.0 * np.pi * np.arange(self.n_columns)[:, None] / self.n_columns
         up = np.radians(self.elevation_deg)[None]
@@ -78,16 +67,8 @@ _KINDS = {"scan": np.uint32, "column": np.uint16, "beam": np.uint8, "range_mm": 
 class LidarReturns(NamedTuple):
     """Returns of some scans, in the order of the scans.
 
-    Parameters
-    ----------
-    scan : (N,) ndarray of uint32
-        Number of the scan in the recording.
-    column : (N,) ndarray of uint16
-        Direction of the turn.
-    beam : (N,) ndarray of uint8
-        Number of the beam.
-    range_mm : (N,) ndarray of uint32
-        Distance from the scanner [mm].
+    `scan` (N,): number of the scan in the recording. `column` (N,): direction of the turn. `beam` (N,):
+    number of the beam. `range_mm` (N,): distance from the scanner [mm].
     """
 
     scan: npt.NDArray[np.uint32]
@@ -99,67 +80,24 @@ class LidarReturns(NamedTuple):
     def of(cls, scan: Any, column: Any, beam: Any, range_m: FloatArray) -> Self:
         """Return the returns of whole numbers and ranges (N,) [m], which are rounded to millimetres.
 
-        Parameters
-        ----------
-        scan, column, beam : (N,) array_like of int
-            As in the class.
-        range_m : (N,) ndarray
-            Distances [m].
-
-        Returns
-        -------
-        LidarReturns
-            In the smallest types that hold them.
+        `scan`, `column`, `beam` (N,) int: as in the class. `range_m` (N,): distances [m].
         """
         columns = zip(_KINDS.values(), (scan, column, beam, np.rint(1e3 * range_m)), strict=True)
         return cls(*(np.asarray(values).astype(kind) for kind, values in columns))
 
     def part(self, begin: int, end: int) -> Self:
-        """Return the returns from one number up to another.
-
-        Parameters
-        ----------
-        begin, end : int
-            First number, and the one after the last.
-
-        Returns
-        -------
-        LidarReturns
-            Views of the same arrays.
-        """
+        """Return the returns from one number up to another."""
         return type(self)(
             self.scan[begin:end], self.column[begin:end], self.beam[begin:end], self.range_mm[begin:end]
         )
 
     def write(self, path: str | Path) -> None:
-        """Write one compressed ``.npz`` file; equal returns give equal bytes.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            Ends in ``.npz``.
-        """
+        """Write one compressed ``.npz`` file; equal returns give equal bytes."""
         write_npz(path, self._asdict())
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read what `write` wrote.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File of `write`.
-
-        Returns
-        -------
-        LidarReturns
-            Equal to those written.
-
-        Raises
-        ------
-        InputError
-            The file is missing, damaged or holds something else.
-        """
+        """Read what `write` wrote."""
         stored = read_npz(path, "the minute of LiDAR scans", "make the recording again")
         found = {name: (values.dtype, values.ndim) for name, values in stored.items()}
         wanted = {name: (np.dtype(kind), 1) for name, kind in _KINDS.items()}

@@ -104,16 +104,9 @@ _TORN = ("step_sigma_m", "turn_sigma_rad")
 class Sightings(DataObject):
     """Landmarks as triangulated from the rover.
 
-    Parameters
-    ----------
-    pose : (M,) array_like of int
-        Index of the odometry pose from which the landmark is given.
-    offset : (M, 3) array_like
-        Landmark relative to the body [m], body frame.
-    covariance : (M, 3, 3) array_like
-        Of `offset` [m²].
-    range_m : (M,) array_like
-        Distance at first sight [m].
+    `pose` (M,) int: index of the odometry pose from which the landmark is given. `offset` (M, 3): landmark
+    relative to the body [m], body frame. `covariance` (M, 3, 3): of `offset` [m²]. `range_m` (M,): distance
+    at first sight [m].
     """
 
     pose: IntArray
@@ -134,49 +127,19 @@ class Sightings(DataObject):
     def select(self, which: BoolArray) -> Self:
         """Return some of the landmarks.
 
-        Parameters
-        ----------
-        which : (M,) ndarray of bool
-            Whether each landmark is selected.
-
-        Returns
-        -------
-        Sightings
-            The selected landmarks.
+        `which` (M,) bool: whether each landmark is selected.
         """
         return type(self)(self.pose[which], self.offset[which], self.covariance[which], self.range_m[which])
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV table with the upper triangle of the covariances.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-        """
+        """Write a CSV table with the upper triangle of the covariances."""
         covariance = self.covariance[:, UPPER[0], UPPER[1]]
         body = np.column_stack([self.pose.astype(np.float64), self.offset, self.range_m, covariance])
         write_table(path, dict(zip(_SIGHTINGS, body.T, strict=True)))
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read the CSV table of `write`.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-
-        Returns
-        -------
-        Sightings
-            The records.
-
-        Raises
-        ------
-        InputError
-            Missing, cut off, a missing column, or a value that is no number.
-        """
+        """Read the CSV table of `write`."""
         table = read_table(path, _SIGHTINGS, what="the table of sightings")
         body = np.column_stack([table[name] for name in _SIGHTINGS])
         return cls(body[:, 0].astype(np.int64), body[:, 1:4], joined_columns(list(body[:, 5:].T)), body[:, 4])

@@ -244,14 +244,8 @@ class Compass(SensorRecords):
 class Weather(SensorRecords):
     """Science payload: ``temperature_c`` (N,) and relative ``humidity_percent`` (N,).
 
-    Parameters
-    ----------
-    time_s : (N,) array_like
-        Times, strictly increasing [s].
-    temperature_c : (N,) array_like
-        Air temperature [°C].
-    humidity_percent : (N,) array_like
-        Relative humidity [%].
+    `time_s` (N,): times, strictly increasing [s]. `temperature_c` (N,): air temperature [°C].
+    `humidity_percent` (N,): relative humidity [%].
     """
 
     WHAT: ClassVar = "weather readings"

@@ -27,16 +27,8 @@ class StakeSightings(SensorRecords):
     ``stake`` (N,) is the index into the recording's stakes, ``offset`` (N, 3) the stake's
     foot relative to the body [m] in the body frame, ``covariance`` (N, 3, 3) its error [m²].
 
-    Parameters
-    ----------
-    time_s : (N,) array_like
-        Times, strictly increasing [s].
-    stake : (N,) array_like
-        Index into the stakes of the recording.
-    offset : (N, 3) array_like
-        Foot of the stake in the body frame [m].
-    covariance : (N, 3, 3) array_like
-        Of `offset` [m²].
+    `time_s` (N,): times, strictly increasing [s]. `stake` (N,): index into the stakes of the recording.
+    `offset` (N, 3): foot of the stake in the body frame [m]. `covariance` (N, 3, 3): of `offset` [m²].
     """
 
     COLUMNS: ClassVar = {
@@ -63,16 +55,9 @@ class StakeSightings(SensorRecords):
 class StakeSurveys(SensorRecords):
     """Repeated surveys of stakes that move with the ice.
 
-    Parameters
-    ----------
-    time_s : (N,) array_like
-        Times, not decreasing [s], on the clock of the recording.
-    stake : (N,) array_like
-        Index of the stake.
-    position : (N, 3) array_like
-        Easting, northing and elevation of its foot, where it meets the surface [m].
-    sigma_m : (N,) array_like
-        Standard deviation of each coordinate [m].
+    `time_s` (N,): times, not decreasing [s], on the clock of the recording. `stake` (N,): index of the stake.
+    `position` (N, 3): easting, northing and elevation of its foot, where it meets the surface [m]. `sigma_m`
+    (N,): standard deviation of each coordinate [m].
     """
 
     COLUMNS: ClassVar = {"position": ("easting_m", "northing_m", "elevation_m")}
@@ -111,14 +96,9 @@ def refuse_backward_times(times: FloatArray, what: str) -> None:
 class Stakes(DataObject):
     """Benchmarks of surveyed position: `position` (K, 3) world [m], `sigma_m` (K,) of each coordinate.
 
-    Parameters
-    ----------
-    position : (K, 3) array_like
-        Easting, northing and elevation [m].
-    sigma_m : (K,) array_like
-        Standard deviation of each coordinate [m].
-    time_s : (K,) array_like, optional
-        Times of the survey on the clock of the recording [s], for stakes that move with the ice.
+    `position` (K, 3): easting, northing and elevation [m]. `sigma_m` (K,): standard deviation of each
+    coordinate [m]. `time_s` (K,): times of the survey on the clock of the recording [s], for stakes that move
+    with the ice.
     """
 
     position: FloatArray
@@ -139,36 +119,14 @@ class Stakes(DataObject):
         return len(self.position)
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV table.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-        """
+        """Write a CSV table."""
         east, north, up = self.position.T
         columns = {"easting_m": east, "northing_m": north, "elevation_m": up, "sigma_m": self.sigma_m}
         write_table(path, columns if self.time_s is None else columns | {"time_s": self.time_s})
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read the CSV table of `write`.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-
-        Returns
-        -------
-        Stakes
-            The records.
-
-        Raises
-        ------
-        InputError
-            Missing, cut off, a missing column, or a value that is no number.
-        """
+        """Read the CSV table of `write`."""
         names = ("easting_m", "northing_m", "elevation_m", "sigma_m")
         table = read_table(path, names, what="the table of stakes")
         place = np.column_stack([table[name] for name in names[:3]])
@@ -193,29 +151,12 @@ class NamedStakeSurveys(NamedTuple):
 def read_stake_surveys(path: str | Path, *, sigma_m: float = 0.03, zero: float = 0.0) -> NamedStakeSurveys:
     r"""Read repeated surveys of stakes from a table with the columns point, time, x, y and z.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        Text with commas, semicolons or tabs. Coordinates are easting, northing and elevation of the foot of the
-        stake [m]; times are ISO 8601 dates, in UTC unless they state an offset, or seconds. A column ``sigma`` states
-        standard deviations [m]. Usual names of columns are understood, and the log states which were read.
-    sigma_m : float
-        Standard deviation of each coordinate where the file states none [m].
-    zero : float
-        Time that is subtracted [s]; dates count from 1970.
+    `path`: text with commas, semicolons or tabs. Coordinates are easting, northing and elevation of the foot
+    of the stake [m]; times are ISO 8601 dates, in UTC unless they state an offset, or seconds. A column
+    ``sigma`` states standard deviations [m]. Usual names of columns are understood, and the log states which
+    were read. `sigma_m`: standard deviation of each coordinate where the file states none [m]. `zero`: time
+    that is subtracted [s]; dates count from 1970.
 
-    Returns
-    -------
-    NamedStakeSurveys
-        Stakes in the order of their names in the file.
-
-    Raises
-    ------
-    InputError
-        A missing file or column, a cell that is no number or no time, places in degrees or feet.
-
-    Examples
-    --------
     >>> import tempfile
     >>> file = Path(tempfile.mkdtemp()) / "stakes.csv"
     >>> _ = file.write_text("point,time,x,y,z\nA,2026-07-01,0,0,10\nA,2026-08-01,0,3,9\n")

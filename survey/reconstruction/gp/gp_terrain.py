@@ -145,33 +145,16 @@ def _time_text(seconds: float) -> str:
 class GaussianProcessTerrain(TerrainModel):
     """A terrain model: a mean surface, and a Gaussian process for what differs from it.
 
-    Parameters
-    ----------
-    config : GaussianProcessConfig
-        What to assume and what to fit.
-    prior : Dem or Mean, optional
-        The expected surface; without it a constant or a plane by generalised least squares.
-    engine : {"gp", "dense"}
-        The fast engine or the dense one.
-    quantity : str
-        What is mapped, with its unit.
-    bounds : (xmin, ymin, xmax, ymax), optional
-        Where the model will be asked [m]; the points' extent by default. Points farther
-        from it than its diagonal are not used, and their number is reported.
-    watch : MapWatch, optional
-        Progress of a map in tiles; with it the expected time of a large map is logged beforehand.
-    learned_ : Learned, optional
-        State of a fitted model.
-    vertical_datum_ : str
-        Vertical datum of the points of a fitted model.
+    `config`: what to assume and what to fit. `prior`: the expected surface; without it a constant or a plane
+    by generalised least squares. `engine`: the fast engine or the dense one. `quantity`: what is mapped, with
+    its unit. `bounds` (xmin, ymin, xmax, ymax): where the model will be asked [m]; the points' extent by
+    default. Points farther from it than its diagonal are not used, and their number is reported. `watch`:
+    progress of a map in tiles; with it the expected time of a large map is logged beforehand. `learned_`:
+    state of a fitted model. `vertical_datum_`: vertical datum of the points of a fitted model.
 
-    Notes
-    -----
     The terrain is taken to be equally rough everywhere. Errors that points share, such
     as the drift of a trajectory, are not seen.
 
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 100.0, (60, 2))
     >>> xyz = np.column_stack([xy, 3.0 * np.sin(xy[:, 0] / 20.0)])
@@ -193,24 +176,7 @@ class GaussianProcessTerrain(TerrainModel):
     vertical_datum_: str = UNSTATED
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Fit hyperparameters and surface to points, down-weight outliers, and calibrate the standard deviation.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Measured points.
-
-        Returns
-        -------
-        GaussianProcessTerrain
-            The fitted model.
-
-        Raises
-        ------
-        InputError
-            Fewer than three points, none near the site, a prior that does not cover them
-            or is in another system.
-        """
+        """Fit hyperparameters and surface to points, down-weight outliers, and calibrate the standard deviation."""
         fit = self._fit
         near = fit.near(points)
         used = points if near.all() else points.select(near)
@@ -219,18 +185,7 @@ class GaussianProcessTerrain(TerrainModel):
         return replace(self, learned_=learned, vertical_datum_=used.vertical_datum)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model conditioned on these points too, at the same hyperparameters and calibration.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Further points.
-
-        Returns
-        -------
-        GaussianProcessTerrain
-            Fitted to all points so far.
-        """
+        """Return a model conditioned on these points too, at the same hyperparameters and calibration."""
         known = self._known
         data = Observations.of(points, self.quantity)
         variance = self._fit.through_slope(points, known.process, known.mean, data.variance)
@@ -247,18 +202,7 @@ class GaussianProcessTerrain(TerrainModel):
         return known.support(known.std(xy), known.nearest_m(xy))
 
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid.
-
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the map.
-
-        Returns
-        -------
-        Reconstruction
-            Mean, standard deviation and support.
-        """
+        """Return the map on the nodes of a grid."""
         known = self._known
         mean, std, support = known.on(grid)
         diagnostics = known.diagnostics()
@@ -282,22 +226,8 @@ class GaussianProcessTerrain(TerrainModel):
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw n surfaces (n, H, W) [m] that agree with the points.
 
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the surfaces.
-        n : int
-            Number of surfaces.
-        rng : numpy.random.Generator
-            Source of the draws.
+        Returns (n, H, W): elevations [m].
 
-        Returns
-        -------
-        (n, H, W) ndarray
-            Elevations [m].
-
-        Notes
-        -----
         Relief finer than the map (the nugget) and the calibration are not in them.
         """
         surfaces = self._known.process.sample_on_axes(grid.x, grid.y, n, rng)
@@ -306,18 +236,8 @@ class GaussianProcessTerrain(TerrainModel):
     def slope(self, grid: Grid) -> tuple[Dem, Dem]:
         """Return the steepness of the map and its standard deviation on a grid [deg].
 
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the map.
+        Returns: steepness and its standard deviation [deg].
 
-        Returns
-        -------
-        Dem, Dem
-            Steepness and its standard deviation [deg].
-
-        Notes
-        -----
         To first order, for the scales of the map: relief finer than it is steeper.
         """
         known = self._known
@@ -338,22 +258,8 @@ class GaussianProcessTerrain(TerrainModel):
         The errors of neighbouring places are correlated, and that is in the standard
         deviation, enlarged by the largest calibration factor within the polygon.
 
-        Parameters
-        ----------
-        polygon : shapely.Polygon or shapely.MultiPolygon
-            Within the site.
-        base_m : float
-            Height of the level [m].
-        step_m : float
-            Spacing of the quadrature [m]; a fraction of the shortest length scale.
-        crs : pyproj.CRS, optional
-            Of the polygon. With it the areal scale factor is applied, and volume and area count on the
-            ground; without it they count in grid metres.
-
-        Returns
-        -------
-        Volume
-            Volume [m³], its standard deviation, and the area [m²].
+        `base_m`: height of the level [m]. `step_m`: spacing of the quadrature [m]; a fraction of the shortest
+        length scale. Returns: volume [m³], its standard deviation, and the area [m²].
         """
         known = self._known
         nodes, weights = quadrature(polygon, step_m)
@@ -370,19 +276,8 @@ class GaussianProcessTerrain(TerrainModel):
         No heights are needed. Parameters are the places (N, 2) [m], the standard
         deviations (N,) expected there [m], and where to forecast.
 
-        Parameters
-        ----------
-        xy : (N, 2) array_like
-            Places to visit [m].
-        sigma_m : (N,) array_like
-            Standard deviations expected there [m].
-        grid : Grid
-            Nodes of the prediction.
-
-        Returns
-        -------
-        (H, W) ndarray
-            Standard deviation [m].
+        `xy` (N, 2): places to visit [m]. `sigma_m` (N,): standard deviations expected there [m]. Returns (H,
+        W): standard deviation [m].
         """
         places = checked(xy, (None, 2), "the places to visit")
         sigma = np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (len(places),))
@@ -392,13 +287,7 @@ class GaussianProcessTerrain(TerrainModel):
         return replace(self, quantity=ELEVATION).update(planned)._known.on(grid)[1]
 
     def save(self, path: str | Path) -> None:
-        """Write the model to one ``.npz`` file; a mean that is a function cannot be written.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File to write.
-        """
+        """Write the model to one ``.npz`` file; a mean that is a function cannot be written."""
         state = TerrainState(
             self.config,
             self.prior,
@@ -412,18 +301,7 @@ class GaussianProcessTerrain(TerrainModel):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote; the factorization is done again, to the same numbers.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File that `save` wrote.
-
-        Returns
-        -------
-        GaussianProcessTerrain
-            The fitted model.
-        """
+        """Read what `save` wrote; the factorization is done again, to the same numbers."""
         state = read_model(path)
         model = cls(state.config, state.prior, state.engine, state.quantity, state.bounds)
         return replace(model, learned_=state.learned, vertical_datum_=state.vertical_datum)

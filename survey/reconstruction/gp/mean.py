@@ -89,13 +89,8 @@ class Mean(ABC):
 class ConstantMean(Mean):
     """A horizontal plane at a known height [m].
 
-    Parameters
-    ----------
-    value_m : float
-        Height of the plane [m].
+    `value_m`: height of the plane [m].
 
-    Examples
-    --------
     >>> ConstantMean(3.0).at(np.zeros((2, 2)))
     array([3., 3.])
     """
@@ -105,15 +100,7 @@ class ConstantMean(Mean):
     def at(self, xy: FloatArray) -> FloatArray:
         """Return the height.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing [m].
-
-        Returns
-        -------
-        (N,) ndarray
-            Height [m].
+        `xy` (N, 2): easting and northing [m]. Returns (N,): height [m].
         """
         return np.full(len(xy), self.value_m)
 
@@ -122,13 +109,8 @@ class ConstantMean(Mean):
 class FunctionMean(Mean):
     """Any function of places (N, 2) that returns heights (N,) [m].
 
-    Parameters
-    ----------
-    function : callable
-        Takes places (N, 2) [m] and returns heights (N,) [m].
+    `function`: takes places (N, 2) [m] and returns heights (N,) [m].
 
-    Examples
-    --------
     >>> FunctionMean(lambda xy: xy[:, 0]).at(np.array([[4.0, 0.0]]))
     array([4.])
     """
@@ -138,15 +120,7 @@ class FunctionMean(Mean):
     def at(self, xy: FloatArray) -> FloatArray:
         """Return the function's heights; refuse what is no height for every place.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing [m].
-
-        Returns
-        -------
-        (N,) ndarray
-            Height [m].
+        `xy` (N, 2): easting and northing [m]. Returns (N,): height [m].
         """
         heights = np.asarray(self.function(xy), dtype=np.float64)
         if heights.shape != (len(xy),) or not np.isfinite(heights).all():
@@ -161,21 +135,9 @@ class FunctionMean(Mean):
 class DemMean(Mean):
     """A coarse elevation model, read between its cell centres.
 
-    Parameters
-    ----------
-    dem : Dem
-        The prior.
-    interpolation : {"bilinear", "delaunay"}
-        Between the four nearest centres, or in the triangles between centres as the
-        glacier paper has it. Within the outer half cell both go on linearly.
+    `dem`: the prior. `interpolation`: between the four nearest centres, or in the triangles between centres
+    as the glacier paper has it. Within the outer half cell both go on linearly.
 
-    Raises
-    ------
-    InputError
-        On evaluation at a place that the prior does not cover.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> prior = Dem.on(Grid((0.0, 0.0, 2.0, 2.0), 1.0), np.arange(9.0).reshape(3, 3))
     >>> DemMean(prior).at(np.array([[0.5, 2.0]]))
@@ -190,15 +152,7 @@ class DemMean(Mean):
 
         Beside a void it is that towards the side with heights, and 0 where neither side has them.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            Slopes to the east and to the north [m/m].
+        `xy` (N, 2): easting and northing [m]. Returns (N, 2): slopes to the east and to the north [m/m].
         """
         xmin, ymin, xmax, ymax = self.dem.bounds
         inner = np.clip(xy, [xmin + _ARM_M, ymin + _ARM_M], [xmax - _ARM_M, ymax - _ARM_M])
@@ -217,30 +171,14 @@ class DemMean(Mean):
     def covers(self, xy: FloatArray) -> BoolArray:
         """Return which places (N, 2) the prior covers, as (N,).
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing [m].
-
-        Returns
-        -------
-        (N,) ndarray of bool
-            True where the prior has a height.
+        `xy` (N, 2): easting and northing [m]. Returns (N,) bool: True where the prior has a height.
         """
         return np.isfinite(self.dem.at(xy))
 
     def at(self, xy: FloatArray) -> FloatArray:
         """Return the prior's heights [m].
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing [m].
-
-        Returns
-        -------
-        (N,) ndarray
-            Height [m].
+        `xy` (N, 2): easting and northing [m]. Returns (N,): height [m].
         """
         heights = self.dem.at(xy)
         if self.interpolation == "delaunay":

@@ -23,17 +23,9 @@ from survey.data.trajectory import Trajectory
 class PathCorrection(DataObject):
     """Errors (K, 3) [m] of a path at times (K,) [s], and the covariance (K, 3, 3) [m²] of the estimate.
 
-    Parameters
-    ----------
-    time_s : (K,) ndarray
-        Times of the keyframes [s].
-    shift : (K, 3) ndarray
-        Estimated error of the position: east, north, up [m].
-    covariance : (K, 3, 3) ndarray
-        Posterior covariance of that error [m²].
+    `time_s` (K,): times of the keyframes [s]. `shift` (K, 3): estimated error of the position: east, north,
+    up [m]. `covariance` (K, 3, 3): posterior covariance of that error [m²].
 
-    Examples
-    --------
     >>> PathCorrection(np.array([0.0, 9.0]), np.zeros((2, 3)), np.zeros((2, 3, 3))).shift.shape
     (2, 3)
     """
@@ -43,38 +35,14 @@ class PathCorrection(DataObject):
     covariance: FloatArray
 
     def mixed(self, other: "PathCorrection", share: float) -> "PathCorrection":
-        """Return mean and covariance of the mixture with another correction.
-
-        Parameters
-        ----------
-        other : PathCorrection
-            Correction at the same times.
-        share : float
-            Probability of the other correction.
-
-        Returns
-        -------
-        PathCorrection
-            Mean of both, with the covariance that their difference adds.
-        """
+        """Return mean and covariance of the mixture with another correction."""
         apart = other.shift - self.shift
         spread = share * (1.0 - share) * apart[:, :, None] * apart[:, None, :]
         covariance = (1.0 - share) * self.covariance + share * other.covariance + spread
         return PathCorrection(self.time_s, self.shift + share * apart, covariance)
 
     def applied(self, trajectory: Trajectory) -> Trajectory:
-        """Return the trajectory with corrected positions and without its shared error, which the map has used.
-
-        Parameters
-        ----------
-        trajectory : Trajectory
-            The path that was mapped with.
-
-        Returns
-        -------
-        Trajectory
-            Positions less the errors, with their posterior covariance.
-        """
+        """Return the trajectory with corrected positions and without its shared error, which the map has used."""
         times = trajectory.time_s
         shift = np.column_stack([np.interp(times, self.time_s, column) for column in self.shift.T])
         entries = [np.interp(times, self.time_s, entry) for entry in self.covariance.reshape(-1, 9).T]

@@ -29,28 +29,11 @@ def uniform_motion(
 ) -> IceMotion:
     """Return a motion that is the same everywhere, with independent errors.
 
-    Parameters
-    ----------
-    velocity : (float, float)
-        To the east and to the north [m/day].
-    lowering : float
-        Rate of lowering [m/day].
-    velocity_sigma, lowering_sigma : float
-        Standard deviations [m/day]; 0 for what is exact.
-    epoch_s : float
-        Epoch [s].
-    origin_m : (float, float)
-        Origin of the planes [m].
-    velocity_change_sigma : float
-        Standard deviation of the change of velocity over a kilometre [m/day/km]; 0 leaves the planes out.
+    `velocity` (float, float): to the east and to the north [m/day]. `lowering`: rate of lowering [m/day].
+    `velocity_sigma`, `lowering_sigma`: standard deviations [m/day]; 0 for what is exact. `epoch_s`: epoch
+    [s]. `origin_m` (float, float): origin of the planes [m]. `velocity_change_sigma`: standard deviation of
+    the change of velocity over a kilometre [m/day/km]; 0 leaves the planes out.
 
-    Returns
-    -------
-    IceMotion
-        Lowering has no planes.
-
-    Examples
-    --------
     >>> uniform_motion((2.0, 0.0), 0.1, velocity_sigma=0.5, lowering_sigma=0.0, epoch_s=0.0).n_unknowns
     2
     """
@@ -67,12 +50,8 @@ def uniform_motion(
 class VelocityRasters(NamedTuple):
     """Rasters of velocity with their errors, all on one grid.
 
-    Parameters
-    ----------
-    east, north : Dem
-        Velocity to the east and to the north [m/day].
-    sigma_east, sigma_north : Dem
-        Standard deviations [m/day].
+    `east`, `north`: velocity to the east and to the north [m/day]. `sigma_east`, `sigma_north`: standard
+    deviations [m/day].
     """
 
     east: Dem
@@ -86,31 +65,10 @@ def motion_from_rasters(
 ) -> IceMotion:
     """Return the motion that velocity rasters state for a site: a constant and planes of each component.
 
-    Parameters
-    ----------
-    rasters : VelocityRasters
-        Such as those of ITS_LIVE or CARST, in the CRS of the survey.
-    bounds : (xmin, ymin, xmax, ymax)
-        Extent of the site [m]; cells about it, as far as it is wide, count too.
-    lowering_sigma : float
-        Standard deviation of the lowering [m/day].
-    epoch_s : float
-        Epoch [s].
-    lowering : float
-        Expected lowering [m/day].
+    `bounds` (xmin, ymin, xmax, ymax): extent of the site [m]; cells about it, as far as it is wide, count
+    too. `lowering_sigma`: standard deviation of the lowering [m/day]. `epoch_s`: epoch [s]. `lowering`:
+    expected lowering [m/day].
 
-    Returns
-    -------
-    IceMotion
-        The stated errors count as common to all cells, since those of feature tracking are.
-
-    Raises
-    ------
-    InputError
-        Fewer than six known cells, or rasters in different CRS.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 400.0, 400.0), 40.0)
     >>> east, north, sigma = (Dem.on(grid, np.full(grid.shape, rate)) for rate in (0.3, 0.1, 0.02))
@@ -159,29 +117,8 @@ def motion_from_slope(
     :math:`2 A \tau^3 H / 4` a second at its surface; sliding adds up to several times that. The expected velocity is
     twice the deformation, and its standard deviation along the fall line is five times it; across it is a third of that.
 
-    Parameters
-    ----------
-    dem : Dem
-        Surface, coarse.
-    lowering_sigma : float
-        Standard deviation of the lowering, whose mean is 0 [m/day].
-    epoch_s : float
-        Epoch [s].
-    shape_factor : float
-        Share of the stress that the bed carries; the margins carry the rest.
+    `lowering_sigma`: standard deviation of the lowering, whose mean is 0 [m/day]. `epoch_s`: epoch [s].
 
-    Returns
-    -------
-    IceMotion
-        Constant over the site.
-
-    Raises
-    ------
-    InputError
-        A surface without a known slope.
-
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 400.0, 400.0), 20.0)
     >>> downhill_to_the_east = Dem.on(grid, 1000.0 - 0.1 * grid.xy[:, 0].reshape(grid.shape))

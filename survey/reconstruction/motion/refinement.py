@@ -15,25 +15,7 @@ from survey.reconstruction.joint.solution import JointSolution
 
 
 def refined_motion(motion: IceMotion, solution: JointSolution) -> IceMotion:
-    """Return the motion of the ice after a joint estimate, which sees it through places that were passed twice.
-
-    Parameters
-    ----------
-    motion : IceMotion
-        Motion after localization (`Localization.ice_motion`).
-    solution : JointSolution
-        Joint estimate of the landmarks of that localization.
-
-    Returns
-    -------
-    IceMotion
-        With the same modes; `motion` itself where the estimate retained modes of the path's error alone.
-
-    Raises
-    ------
-    InputError
-        The path of the estimate has no such unknowns.
-    """
+    """Return the motion of the ice after a joint estimate, which sees it through places that were passed twice."""
     if solution.has_modes:
         return motion
     n, posterior = motion.n_unknowns, solution.posterior
@@ -55,22 +37,8 @@ def area_mean(solution: JointSolution, grid: Grid) -> tuple[float, float]:
     The errors of different nodes are correlated by path, fixes and the motion of the ice: a level error does not average
     out.
 
-    Parameters
-    ----------
-    solution : JointSolution
-        Joint estimate at an epoch.
-    grid : Grid
-        Nodes over the area.
+    Returns `mean_m`: mean height [m]. `sigma_m`: its standard deviation [m].
 
-    Returns
-    -------
-    mean_m : float
-        Mean height [m].
-    sigma_m : float
-        Its standard deviation [m].
-
-    Examples
-    --------
     The change between two epochs has the standard deviation ``hypot(sigma_early_m, sigma_late_m)`` where the surveys share
     no receiver error.
     """

@@ -152,27 +152,9 @@ class _Model:
 def predict_position(time_days: FloatArray, position_m: FloatArray, at_days: FloatArray) -> PredictedPosition:
     """Predict one coordinate of a stake at later times from a series of its positions.
 
-    Parameters
-    ----------
-    time_days : (N,) array_like
-        Increasing times [days].
-    position_m : (N,) array_like
-        Easting, northing or elevation [m]; at least 6.
-    at_days : (M,) array_like
-        Times of the prediction [days], not before the first one.
+    `time_days` (N,): increasing times [days]. `position_m` (N,): easting, northing or elevation [m]; at least
+    6. `at_days` (M,): times of the prediction [days], not before the first one.
 
-    Returns
-    -------
-    PredictedPosition
-        Means and standard deviations of a mixture over all sizes.
-
-    Raises
-    ------
-    InputError
-        Too few positions, or times that do not increase.
-
-    Examples
-    --------
     >>> days = np.linspace(0.0, 4.0, 30)
     >>> found = predict_position(days, 1.5 * days, np.array([8.0]))
     >>> bool(abs(found.position_m[0] - 12.0) < 2.0 * found.sigma_m[0])

@@ -23,14 +23,8 @@ _LEAST_SLOPE_SPREAD = 1e-3
 class Shift:
     """Translation that aligns a surface with another one.
 
-    Parameters
-    ----------
-    east_m, north_m, up_m : float
-        Added to the coordinates, in the CRS of the surfaces [m].
-    n : int
-        Cells of unchanged ground in the fit.
-    nmad_before_m, nmad_after_m : float
-        Spread of the difference there [m].
+    `east_m`, `north_m`, `up_m`: added to the coordinates, in the CRS of the surfaces [m]. `n`: cells of
+    unchanged ground in the fit. `nmad_before_m`, `nmad_after_m`: spread of the difference there [m].
     """
 
     east_m: float
@@ -43,17 +37,8 @@ class Shift:
     def applied(self, xy: FloatArray, dem: Dem) -> FloatArray:
         """Return the heights (N,) of the shifted surface at places (N, 2) [m].
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Easting and northing [m].
-        dem : Dem
-            The surface before the shift.
-
-        Returns
-        -------
-        (N,) ndarray
-            Heights [m]; NaN where the shifted surface has none.
+        `xy` (N, 2): easting and northing [m]. Returns (N,): heights [m]; NaN where the shifted surface has
+        none.
         """
         return dem.at(xy - (self.east_m, self.north_m)) + self.up_m
 
@@ -68,29 +53,10 @@ def coregister(moving: Dem, reference: Dem, stable: BoolArray | None = None) -> 
     the same plane in the slopes is fitted by least squares, differences beyond three robust
     deviations trimmed, and repeated until the shift converges.
 
-    Parameters
-    ----------
-    moving, reference : Dem
-        In the same CRS and vertical datum; compared at the reference's cell centres.
-    stable : (H, W) ndarray of bool, optional
-        The reference's cells that did not change; all by default.
+    `stable` (H, W) bool: the reference's cells that did not change; all by default.
 
-    Returns
-    -------
-    Shift
-        To be added to the coordinates of `moving`.
-
-    Raises
-    ------
-    InputError
-        Mixed systems, fewer than 50 common cells, or ground too flat to determine a shift.
-
-    Notes
-    -----
     One shift for the whole raster: no tilt, no scale, no jitter of a sensor.
 
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> x, y = np.meshgrid(np.arange(41.0), np.arange(41.0))
     >>> def hills(east, north):

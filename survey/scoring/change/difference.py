@@ -246,28 +246,9 @@ def change_of_models(
 ) -> Change:
     """Compute the change between two fitted terrain models, with errors from their posteriors.
 
-    Parameters
-    ----------
-    later, earlier : GaussianProcessTerrain
-        Of the elevation, in one CRS, above one datum.
-    outlines : mapping of str to polygon
-        Polygons to integrate over [m]; within both sites.
-    grid : Grid
-        On which the difference is mapped; its step is that of the volumes too. Volumes and areas count on
-        the ground, by the scale factors of its CRS.
+    `outlines`: polygons to integrate over [m]; within both sites. Returns: with the method ``joint
+    posterior``.
 
-    Returns
-    -------
-    Change
-        With the method ``joint posterior``.
-
-    Raises
-    ------
-    InputError
-        Other quantities, mixed datums, an outline outside a site.
-
-    Notes
-    -----
     The surveys' errors are assumed to be independent: those of a prior surface that both share count twice,
     and drift of the positions that is not in the points' covariances is not included.
     """

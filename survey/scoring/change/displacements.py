@@ -27,30 +27,15 @@ class DisplacementField(Protocol):
     def shift(self, xy: FloatArray) -> FloatArray:
         """Return the displacement at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            To the east and to the north [m].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (N, 2): to the east and to the north [m].
         """
         ...
 
     def covariance(self, xy: FloatArray) -> FloatArray:
         """Return the covariance of the displacements at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (2, N, N) ndarray
-            Of those to the east and of those to the north [m²].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (2, N, N): of those to the east and of those to
+        the north [m²].
         """
         ...
 
@@ -59,12 +44,7 @@ class DisplacementField(Protocol):
 class SteadyField(DataObject):
     """Displacement by a motion that is constant in time.
 
-    Parameters
-    ----------
-    motion : IceMotion
-        Velocity with its covariance.
-    days : float
-        Time between the surveys [days].
+    `motion`: velocity with its covariance. `days`: time between the surveys [days].
     """
 
     motion: IceMotion
@@ -73,15 +53,7 @@ class SteadyField(DataObject):
     def shift(self, xy: FloatArray) -> FloatArray:
         """Return the displacement at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            To the east and to the north [m].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (N, 2): to the east and to the north [m].
         """
         moved: FloatArray = self.motion.rates(xy)[:, :2] * self.days
         return moved
@@ -89,15 +61,8 @@ class SteadyField(DataObject):
     def covariance(self, xy: FloatArray) -> FloatArray:
         """Return the covariance of the displacements at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (2, N, N) ndarray
-            Of those to the east and of those to the north [m²].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (2, N, N): of those to the east and of those to
+        the north [m²].
         """
         later = np.full(len(xy), self.motion.epoch_s + self.days * DAY_S)
         by = self.motion.derivatives(xy, later)[:, :2]
@@ -109,12 +74,7 @@ class SteadyField(DataObject):
 class RasterField(DataObject):
     """Displacement by rasters of velocity, whose errors are common to all cells.
 
-    Parameters
-    ----------
-    rasters : VelocityRasters
-        Velocities and their standard deviations [m/day].
-    days : float
-        Time between the surveys [days].
+    `rasters`: velocities and their standard deviations [m/day]. `days`: time between the surveys [days].
     """
 
     rasters: VelocityRasters
@@ -123,30 +83,16 @@ class RasterField(DataObject):
     def shift(self, xy: FloatArray) -> FloatArray:
         """Return the displacement at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            To the east and to the north [m]; NaN where the rasters have none.
+        `xy` (N, 2): places of the earlier survey [m]. Returns (N, 2): to the east and to the north [m]; NaN
+        where the rasters have none.
         """
         return self.days * np.column_stack([raster.at(xy) for raster in self.rasters[:2]])
 
     def covariance(self, xy: FloatArray) -> FloatArray:
         """Return the covariance of the displacements at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (2, N, N) ndarray
-            Of those to the east and of those to the north [m²].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (2, N, N): of those to the east and of those to
+        the north [m²].
         """
         sigma = [self.days * raster.at(xy) for raster in self.rasters[2:]]
         return np.stack([np.outer(one, one) for one in sigma])
@@ -156,10 +102,7 @@ class RasterField(DataObject):
 class TrackedField(DataObject):
     """Gaussian-process field through tracked displacements.
 
-    Parameters
-    ----------
-    east, north : DenseGaussianProcess
-        Of the displacements [m].
+    `east`, `north`: of the displacements [m].
     """
 
     east: DenseGaussianProcess
@@ -167,25 +110,7 @@ class TrackedField(DataObject):
 
     @classmethod
     def of(cls, tracked: TrackedMotion) -> Self:
-        """Fit a smooth field to the displacements that are not flagged.
-
-        Parameters
-        ----------
-        tracked : TrackedMotion
-            Result of `survey.track`.
-
-        Returns
-        -------
-        TrackedField
-            Length scale, and an error beyond the claimed one, are those of the largest marginal likelihood. Errors of
-            windows that overlap count as correlated: their variances are multiplied by the number of windows that share
-            a place.
-
-        Raises
-        ------
-        InputError
-            Fewer than nine displacements that are not flagged.
-        """
+        """Fit a smooth field to the displacements that are not flagged."""
         good = np.flatnonzero(~tracked.is_outlier)
         if len(good) < _LEAST_WINDOWS:
             raise InputError(
@@ -201,30 +126,15 @@ class TrackedField(DataObject):
     def shift(self, xy: FloatArray) -> FloatArray:
         """Return the displacement at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (N, 2) ndarray
-            To the east and to the north [m].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (N, 2): to the east and to the north [m].
         """
         return np.column_stack([process.predict(xy)[0] for process in (self.east, self.north)])
 
     def covariance(self, xy: FloatArray) -> FloatArray:
         """Return the covariance of the displacements at places.
 
-        Parameters
-        ----------
-        xy : (N, 2) ndarray
-            Places of the earlier survey [m].
-
-        Returns
-        -------
-        (2, N, N) ndarray
-            Of those to the east and of those to the north [m²].
+        `xy` (N, 2): places of the earlier survey [m]. Returns (2, N, N): of those to the east and of those to
+        the north [m²].
         """
         return np.stack([process.joint_covariance(xy) for process in (self.east, self.north)])
 

@@ -179,20 +179,10 @@ _LEAST_SPREAD_PX = 0.1
 class TrackedMotion(DataObject):
     """Displacements at places of the earlier survey.
 
-    Parameters
-    ----------
-    xy : (N, 2) ndarray
-        Easting and northing in the earlier survey [m].
-    shift_m : (N, 2) ndarray
-        Displacement to the east and to the north [m].
-    covariance : (N, 2, 2) ndarray
-        Of the displacement [m²].
-    correlation : (N,) ndarray
-        Normalized cross-correlation.
-    is_outlier : (N,) ndarray of bool
-        Weak matches, and those that contradict their neighbours.
-    window_m : float
-        Width of the windows [m]; 0 where it is not known.
+    `xy` (N, 2): easting and northing in the earlier survey [m]. `shift_m` (N, 2): displacement to the east
+    and to the north [m]. `covariance` (N, 2, 2): of the displacement [m²]. `correlation` (N,): normalized
+    cross-correlation. `is_outlier` (N,) bool: weak matches, and those that contradict their neighbours.
+    `window_m`: width of the windows [m]; 0 where it is not known.
     """
 
     xy: FloatArray
@@ -224,36 +214,12 @@ def track(
 ) -> TrackedMotion:
     """Track the features of a surface from one survey to another.
 
-    Parameters
-    ----------
-    earlier, later : Dem
-        Elevations, or images, on one grid.
-    window_px : int
-        Width of the windows that are matched, odd [pixels].
-    step_px : int
-        Distance of the windows [pixels].
-    search_px : int
-        Largest displacement on either axis that is searched [pixels].
-    shaded : bool
-        Whether the surveys are elevations, of which hillshades are matched; else they are images.
+    `window_px`: width of the windows that are matched, odd [pixels]. `step_px`: distance of the windows
+    [pixels]. `search_px`: largest displacement on either axis that is searched [pixels].
 
-    Returns
-    -------
-    TrackedMotion
-        Windows with gaps are left out.
-
-    Raises
-    ------
-    InputError
-        Surveys on different grids, or too small for a window and its search.
-
-    Notes
-    -----
     The window moves without turning or stretching. Correlated errors of a survey as a whole, such as a shift of its
     datum, are part of the displacement and not of its covariance: align the surveys on ground at rest first.
 
-    Examples
-    --------
     >>> from survey.data.grid import Grid
     >>> rng = np.random.default_rng(1)
     >>> ground = rng.standard_normal((90, 96))

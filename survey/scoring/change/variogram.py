@@ -52,14 +52,8 @@ SHAPES: dict[str, Callable[[FloatArray], FloatArray]] = {
 class Structure(NamedTuple):
     """Structure of a variogram.
 
-    Parameters
-    ----------
-    family : {"spherical", "gaussian", "matern-3/2"}
-        Its shape: linear at short lags, or smooth.
-    range_m : float
-        Distance at which it reaches its sill, or 95 % of it where it has no end [m].
-    sill_m2 : float
-        Its variance [m²].
+    `family`: its shape: linear at short lags, or smooth. `range_m`: distance at which it reaches its sill, or
+    95 % of it where it has no end [m]. `sill_m2`: its variance [m²].
     """
 
     family: str
@@ -69,15 +63,7 @@ class Structure(NamedTuple):
     def at(self, lag_m: FloatArray) -> FloatArray:
         """Return its part of the variogram at the distances [m], as [m²].
 
-        Parameters
-        ----------
-        lag_m : ndarray
-            Distances [m].
-
-        Returns
-        -------
-        ndarray
-            Of the shape of `lag_m` [m²].
+        `lag_m`: distances [m]. Returns: of the shape of `lag_m` [m²].
         """
         shape = SHAPES[self.family]
         gamma: FloatArray = self.sill_m2 * shape(lag_m / self.range_m)
@@ -86,15 +72,7 @@ class Structure(NamedTuple):
     def correlation(self, lag_m: FloatArray) -> FloatArray:
         """Return its correlation at the distances [m].
 
-        Parameters
-        ----------
-        lag_m : ndarray
-            Distances [m].
-
-        Returns
-        -------
-        ndarray
-            Of the shape of `lag_m`.
+        `lag_m`: distances [m].
         """
         correlation: FloatArray = 1.0 - SHAPES[self.family](lag_m / self.range_m)
         return correlation
@@ -161,12 +139,8 @@ class Variogram:
 
     .. math::  \gamma(h) = c_0\,[h > 0] + \sum_k c_k \, g_k(h / a_k)
 
-    Parameters
-    ----------
-    nugget_m2 : float
-        Variance of what is independent from cell to cell [m²].
-    structures : (K,) tuple of Structure
-        Spherical ones, linear at short lags, and smooth ones, Gaussian and Matérn 3/2.
+    `nugget_m2`: variance of what is independent from cell to cell [m²]. `structures` (K,): spherical ones,
+    linear at short lags, and smooth ones, Gaussian and Matérn 3/2.
     """
 
     nugget_m2: float
@@ -180,15 +154,7 @@ class Variogram:
     def at(self, lag_m: FloatArray) -> FloatArray:
         """Return half the mean square difference of two cells at the distances [m], as [m²].
 
-        Parameters
-        ----------
-        lag_m : ndarray
-            Distances [m].
-
-        Returns
-        -------
-        ndarray
-            Of the shape of `lag_m` [m²].
+        `lag_m`: distances [m]. Returns: of the shape of `lag_m` [m²].
         """
         gamma: FloatArray = np.where(lag_m > 0.0, self.nugget_m2, 0.0)
         for structure in self.structures:
@@ -198,15 +164,7 @@ class Variogram:
     def covariance(self, lag_m: FloatArray) -> FloatArray:
         """Return the covariance of the errors of two cells at the distances [m], as [m²].
 
-        Parameters
-        ----------
-        lag_m : ndarray
-            Distances [m].
-
-        Returns
-        -------
-        ndarray
-            Of the shape of `lag_m` [m²].
+        `lag_m`: distances [m]. Returns: of the shape of `lag_m` [m²].
         """
         return self.variance_m2 - self.at(lag_m)
 
@@ -218,32 +176,12 @@ class Variogram:
         as they are far, so that the number of pairs in a bin grows as its independent pairs grow fewer, and all
         weigh alike relative to their value.
 
-        Parameters
-        ----------
-        difference : (H, W) ndarray
-            Errors [m]; any value where not known.
-        known : (H, W) ndarray of bool
-            Cells to use.
-        step_m : float
-            Width of a cell, the unit of the distances [m].
+        `difference` (H, W): errors [m]; any value where not known. `known` (H, W) bool: cells to use.
+        `step_m`: width of a cell, the unit of the distances [m].
 
-        Returns
-        -------
-        Variogram
-            With as few structures as explain the bins (`survey.scoring.change.variogram.fitted`).
-
-        Raises
-        ------
-        InputError
-            Fewer than 100 known cells.
-
-        Notes
-        -----
         Errors that are correlated over more than half the known ground cannot be separated from a
         common offset and are not included. Remove blunders first.
 
-        Examples
-        --------
         >>> white = np.random.default_rng(1).normal(0.0, 0.5, (60, 60))
         >>> variogram = Variogram.of(white, np.ones((60, 60), dtype=bool), 2.0)
         >>> bool(abs(variogram.variance_m2 - 0.25) < 0.02)

@@ -33,12 +33,9 @@ WATER_KG_M3 = 1000.0
 class MassBalance(NamedTuple):
     """Change of mass, and its water equivalent per area.
 
-    Parameters
-    ----------
-    mass_kg, mass_std_kg : float
-        Mass gained, negative when lost, and its standard deviation [kg].
-    specific_m_we, specific_std_m_we : float
-        Specific mass balance and its standard deviation [m water equivalent].
+    `mass_kg`, `mass_std_kg`: mass gained, negative when lost, and its standard deviation [kg].
+    `specific_m_we`, `specific_std_m_we`: specific mass balance and its standard deviation [m water
+    equivalent].
     """
 
     mass_kg: float
@@ -117,19 +114,11 @@ class VolumeChange:
 class FlowBalance(NamedTuple):
     """Change within one outline with the flow of the ice taken out.
 
-    Parameters
-    ----------
-    name : str
-        Name of the outline.
-    along_mean_m, along_std_m : float
-        Mean change of height along the flow, of the surface that the outline held at the earlier survey, and its
-        standard deviation [m].
-    flux_divergence_m, flux_divergence_std_m : float
-        Mean thickness of ice that the flow carried out of the outline, and its standard deviation [m].
-    balance_m, balance_std_m : float
-        Mean gain at surface and bed, change at fixed places plus flux divergence, and its standard deviation [m of ice].
-    thickness_m : float
-        Mean thickness of the ice [m].
+    `name`: name of the outline. `along_mean_m`, `along_std_m`: mean change of height along the flow, of the
+    surface that the outline held at the earlier survey, and its standard deviation [m]. `flux_divergence_m`,
+    `flux_divergence_std_m`: mean thickness of ice that the flow carried out of the outline, and its standard
+    deviation [m]. `balance_m`, `balance_std_m`: mean gain at surface and bed, change at fixed places plus
+    flux divergence, and its standard deviation [m of ice]. `thickness_m`: mean thickness of the ice [m].
     """
 
     name: str
@@ -146,18 +135,10 @@ class FlowBalance(NamedTuple):
 class AlongFlow(DataObject):
     """Change of a surface that moves, followed along its flow (Lagrangian).
 
-    Parameters
-    ----------
-    difference : Dem
-        Height after the displacement minus height before, at places of the earlier survey [m].
-    std_m : (H, W) ndarray
-        Standard deviation of each cell's difference, that of the displacement included [m].
-    shift_m : (2, H, W) ndarray
-        Displacement to the east and to the north [m].
-    shift_std_m : (2, H, W) ndarray
-        Its standard deviations [m].
-    balances : tuple of FlowBalance
-        One for each outline.
+    `difference`: height after the displacement minus height before, at places of the earlier survey [m].
+    `std_m` (H, W): standard deviation of each cell's difference, that of the displacement included [m].
+    `shift_m` (2, H, W): displacement to the east and to the north [m]. `shift_std_m` (2, H, W): its standard
+    deviations [m]. `balances`: one for each outline.
     """
 
     difference: Dem

@@ -61,33 +61,14 @@ _CHECK_SURVEY_1990 = 20.0
 class Assessment:
     """One finding under one standard.
 
-    Parameters
-    ----------
-    standard, edition : str
-        Name, title and year.
-    map_class : str
-        The class asked for, e.g. ``"10 cm class"`` or ``"Class 1, interval 0.3048 m"``; empty where
-        the standard has none.
-    measure : str
-        What the value is.
-    value : float
-        What was found: metres, or the share of points for NMAS.
-    limit : float or None
-        What is allowed, in the same unit; ``None`` where the standard sets no limit.
-    outcome : {"met", "not met", "reported", "not assessed to the standard"}
-        The last one whenever anything is `missing`; the value stands all the same.
-    n : int
-        Checkpoints behind the value.
-    checkpoint_rmse_m : float
-        Their own accuracy [m].
-    spread : Spread
-        How they lie.
-    missing : tuple of str
-        Conditions of the standard that are not met.
-    cautions : tuple of str
-        What the standard, or good practice, asks to look at: bias, blunders, an unstated datum.
-    kind : {"vertical", "horizontal", "3d"}
-        Direction of the errors.
+    `standard`, `edition`: name, title and year. `map_class`: the class asked for, e.g. ``"10 cm class"`` or
+    ``"Class 1, interval 0.3048 m"``; empty where the standard has none. `measure`: what the value is.
+    `value`: what was found: metres, or the share of points for NMAS. `limit`: what is allowed, in the same
+    unit; ``None`` where the standard sets no limit. `outcome`: the last one whenever anything is `missing`;
+    the value stands all the same. `n`: checkpoints behind the value. `checkpoint_rmse_m`: their own accuracy
+    [m]. `spread`: how they lie. `missing`: conditions of the standard that are not met. `cautions`: what the
+    standard, or good practice, asks to look at: bias, blunders, an unstated datum. `kind`: direction of the
+    errors.
     """
 
     standard: str
@@ -255,18 +236,9 @@ def rmse_of(errors: CheckpointErrors) -> float:
 class CheckpointScore:
     """How good a map is at checkpoints.
 
-    Parameters
-    ----------
-    elevation : ErrorStatistics
-        Of map minus checkpoint.
-    interval : RmseInterval
-        95 % interval of the RMSE.
-    assessments : tuple of Assessment
-        One or more for every standard that was asked for.
-    left_out : tuple of str
-        Checkpoints in the area where the map gives no height.
-    n_outside : int
-        Checkpoints outside the area.
+    `elevation`: of map minus checkpoint. `interval`: 95 % interval of the RMSE. `assessments`: one or more
+    for every standard that was asked for. `left_out`: checkpoints in the area where the map gives no height.
+    `n_outside`: checkpoints outside the area.
     """
 
     elevation: ErrorStatistics
@@ -278,10 +250,7 @@ class CheckpointScore:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, with each finding's sentence.
 
-        Returns
-        -------
-        dict
-            Nested dictionaries and lists of plain values, ``None`` for NaN.
+        Returns: nested dictionaries and lists of plain values, ``None`` for NaN.
         """
         plain = asdict(self)
         for row, finding in zip(plain["assessments"], self.assessments, strict=True):

@@ -36,14 +36,9 @@ from survey.scoring.standards.standards import (
 class Spread:
     """Spread of checkpoints over the area that they represent.
 
-    Parameters
-    ----------
-    quadrant_shares : (4,) tuple of float
-        Shares in the quarters of the bounding rectangle: south-west, south-east, north-west, north-east.
-    spacing_share : float
-        Least distance between two of them over the rectangle's diagonal; infinite for one point.
-    area_m2 : float
-        Free ground of the area that is judged, on the ground [m²].
+    `quadrant_shares` (4,): shares in the quarters of the bounding rectangle: south-west, south-east,
+    north-west, north-east. `spacing_share`: least distance between two of them over the rectangle's diagonal;
+    infinite for one point. `area_m2`: free ground of the area that is judged, on the ground [m²].
     """
 
     quadrant_shares: tuple[float, float, float, float]
@@ -54,20 +49,8 @@ class Spread:
     def of(cls, xy: Any, area: SurveyArea) -> Self:
         """Measure places (N, 2) [m] against the rectangle around an area.
 
-        Parameters
-        ----------
-        xy : (N, 2) array_like
-            Easting and northing of the checkpoints [m].
-        area : SurveyArea
-            In the same CRS.
+        `xy` (N, 2): easting and northing of the checkpoints [m].
 
-        Returns
-        -------
-        Spread
-            Shares, spacing and area.
-
-        Examples
-        --------
         >>> square = SurveyArea.rectangle((0.0, 0.0, 30.0, 40.0), "EPSG:32608")
         >>> Spread.of([[1.0, 1.0], [29.0, 1.0], [1.0, 6.0]], square)
         Spread(quadrant_shares=(0.667, 0.333, 0.0, 0.0), spacing_share=0.1, area_m2=1193.6)
@@ -85,32 +68,15 @@ class Spread:
 class CheckpointErrors:
     """What a map errs at checkpoints.
 
-    Parameters
-    ----------
-    errors_m : (N,) array_like
-        Map minus checkpoint [m].
-    sigma_z_m : (N,) array_like
-        Standard deviations of the checkpoints [m].
-    vegetated : (N,) array_like of bool
-        Which lie on vegetated ground.
-    names : tuple of str
-        The checkpoints.
-    spread : Spread
-        How they lie in the area.
-    left_out : tuple of str
-        Checkpoints in the area where the map gives no height.
-    n_outside : int
-        Checkpoints outside the area.
-    has_datums : bool
-        Both the map and the checkpoints state the same vertical datum.
-    covered_share : float
-        Share of the named area on which the map gives a height; 1 where no area was named.
-    xyz : (N, 3) ndarray, optional
-        Easting, northing and height of the checkpoints [m], where they are known.
-    shift_m : (N, 2) ndarray, optional
-        Place in the map minus place of the checkpoint, east and north [m]; NaN where a mark was not found in the map.
-    sigma_xy_m : (N,) ndarray, optional
-        Standard deviations of the horizontal distances of the checkpoints from their true places [m].
+    `errors_m` (N,): map minus checkpoint [m]. `sigma_z_m` (N,): standard deviations of the checkpoints [m].
+    `vegetated` (N,) bool: which lie on vegetated ground. `names`: the checkpoints. `spread`: how they lie in
+    the area. `left_out`: checkpoints in the area where the map gives no height. `n_outside`: checkpoints
+    outside the area. `has_datums`: both the map and the checkpoints state the same vertical datum.
+    `covered_share`: share of the named area on which the map gives a height; 1 where no area was named. `xyz`
+    (N, 3): easting, northing and height of the checkpoints [m], where they are known. `shift_m` (N, 2): place
+    in the map minus place of the checkpoint, east and north [m]; NaN where a mark was not found in the map.
+    `sigma_xy_m` (N,): standard deviations of the horizontal distances of the checkpoints from their true
+    places [m].
     """
 
     errors_m: FloatArray
@@ -132,18 +98,7 @@ class CheckpointErrors:
         return float(np.sqrt(np.mean(self.sigma_z_m**2)))
 
     def on(self, *, vegetated: bool) -> "CheckpointErrors | None":
-        """Return those on vegetated or on open ground; ``None`` where there are none.
-
-        Parameters
-        ----------
-        vegetated : bool
-            True for vegetated, False for open ground.
-
-        Returns
-        -------
-        CheckpointErrors or None
-            The errors there.
-        """
+        """Return those on vegetated or on open ground; ``None`` where there are none."""
         return self._only(self.vegetated if vegetated else ~self.vegetated)
 
     @cached_property
@@ -171,15 +126,7 @@ class CheckpointErrors:
     def beyond(self, limit_m: float) -> tuple[str, ...]:
         """Return the names of those whose error is larger than a limit [m]; none is ever removed.
 
-        Parameters
-        ----------
-        limit_m : float
-            Largest error that is not named [m].
-
-        Returns
-        -------
-        tuple of str
-            Names of the checkpoints.
+        `limit_m`: largest error that is not named [m].
         """
         return tuple(n for n, e in zip(self.names, self.errors_m, strict=True) if abs(e) > limit_m)
 
@@ -277,13 +224,8 @@ def rmse_factors(n: int, level: float = 0.95) -> tuple[float, float]:
 class RmseInterval:
     """The 95 % interval of an RMSE.
 
-    Parameters
-    ----------
-    low_m, high_m : float
-        Its ends [m].
-    method : str
-        ``chi-square`` for errors whose mean does not differ from 0; ``bootstrap`` where it
-        does, for then their squares follow no χ² distribution.
+    `low_m`, `high_m`: its ends [m]. `method`: ``chi-square`` for errors whose mean does not differ from 0;
+    ``bootstrap`` where it does, for then their squares follow no χ² distribution.
     """
 
     low_m: float
@@ -294,23 +236,11 @@ class RmseInterval:
     def of(cls, errors: Any) -> Self:
         """Return the interval of independent errors (N,) [m].
 
-        Parameters
-        ----------
-        errors : (N,) array_like
-            Independent errors [m].
+        `errors` (N,): independent errors [m].
 
-        Returns
-        -------
-        RmseInterval
-            Its ends and the method.
-
-        Notes
-        -----
         Nodes of one map are no independent errors: use this for checkpoints that lie apart.
         The bootstrap is too narrow for fewer than about ten errors. Equal errors give equal intervals.
 
-        Examples
-        --------
         >>> interval = RmseInterval.of([0.1, -0.1, 0.1, -0.1, 0.1])
         >>> round(interval.low_m, 4), round(interval.high_m, 4), interval.method
         (0.0624, 0.2453, 'chi-square')

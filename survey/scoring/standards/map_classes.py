@@ -42,16 +42,8 @@ _NOTES = {
 class MapClass:
     """One row of a standard.
 
-    Parameters
-    ----------
-    standard : str
-        Name of the standard and of how it is read.
-    map_class : str
-        ``"Class 1"`` (best) to ``"Class 3"``.
-    interval_m : float
-        Contour interval [m].
-    limit_m : float
-        Largest RMSE of the elevation [m].
+    `standard`: name of the standard and of how it is read. `map_class`: ``"Class 1"`` (best) to ``"Class
+    3"``. `interval_m`: contour interval [m]. `limit_m`: largest RMSE of the elevation [m].
     """
 
     standard: str
@@ -64,20 +56,9 @@ class MapClass:
 class Verdict:
     """Whether a map meets one row of a standard.
 
-    Parameters
-    ----------
-    standard, map_class : str
-        As in `MapClass`.
-    interval_m : float
-        Contour interval [m].
-    limit_m : float
-        Largest RMSE allowed [m].
-    rmse_m : float
-        The map's [m].
-    met : bool
-        The RMSE is not above the limit, and the verdict is not withheld.
-    note : str
-        Assumptions of the comparison, and the reason where the verdict is withheld.
+    `standard`, `map_class`: as in `MapClass`. `interval_m`: contour interval [m]. `limit_m`: largest RMSE
+    allowed [m]. `rmse_m`: the map's [m]. `met`: the RMSE is not above the limit, and the verdict is not
+    withheld. `note`: assumptions of the comparison, and the reason where the verdict is withheld.
     """
 
     standard: str
@@ -142,30 +123,8 @@ def map_classes(standard: str = PAPER) -> tuple[MapClass, ...]:
 def judge(rmse_m: float, standard: str = PAPER, *, covered_share: float = 1.0) -> tuple[Verdict, ...]:
     """Judge an RMSE by every row of a standard, the loosest first.
 
-    Parameters
-    ----------
-    rmse_m : float
-        RMSE of the map [m].
-    standard : str
-        As in `map_classes`.
-    covered_share : float
-        Share of the area that the map covers. Below `LEAST_COVERED` no class is met: the verdict is withheld
-        where the RMSE is within the limit.
+    `rmse_m`: RMSE of the map [m].
 
-    Returns
-    -------
-    tuple of Verdict
-        One for each row.
-
-    Raises
-    ------
-    InputError
-        An RMSE that is negative or NaN.
-    ConfigError
-        An unknown standard.
-
-    Examples
-    --------
     >>> [verdict.met for verdict in judge(0.31)][:3]
     [True, False, False]
     >>> [verdict.is_withheld for verdict in judge(0.31, covered_share=0.9)][:3]

@@ -33,28 +33,14 @@ AccuracyMeasure = Literal["rmse", "share", "accuracy_95", "nva_vva", "rmse_v"]
 class Standard:
     """What a standard asks of checkpoints, and how it judges them.
 
-    Parameters
-    ----------
-    name : str
-        As users name it.
-    edition : str
-        Title and year.
-    measure : {"rmse", "share", "accuracy_95", "nva_vva", "rmse_v"}
-        What is compared with the limit: the RMSE; the share of points within half an
-        interval; 95 % accuracy, which is only stated; 95 % accuracy and percentile on open
-        and vegetated ground; the RMSE with the checkpoints' own error.
-    n_least : int, optional
-        Least number of checkpoints (of either kind, where there are two).
-    quadrant_share : float, optional
-        Share of them in each quarter of the area that is advised at least; no condition.
-    spacing_share : float, optional
-        Distance between two of them over the area's diagonal that is advised at least; no condition.
-    sharper : float, optional
-        How many times more accurate than the class they must be.
-    bias_share : float, optional
-        Mean error over RMSE limit beyond which it is to be investigated.
-    unverified : frozenset of str
-        Names of the above, and of limits, whose value was not found in a copy of the text.
+    `name`: as users name it. `edition`: title and year. `measure`: what is compared with the limit: the RMSE;
+    the share of points within half an interval; 95 % accuracy, which is only stated; 95 % accuracy and
+    percentile on open and vegetated ground; the RMSE with the checkpoints' own error. `n_least`: least number
+    of checkpoints (of either kind, where there are two). `quadrant_share`: share of them in each quarter of
+    the area that is advised at least; no condition. `spacing_share`: distance between two of them over the
+    area's diagonal that is advised at least; no condition. `sharper`: how many times more accurate than the
+    class they must be. `bias_share`: mean error over RMSE limit beyond which it is to be investigated.
+    `unverified`: names of the above, and of limits, whose value was not found in a copy of the text.
     """
 
     name: str
