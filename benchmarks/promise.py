@@ -30,8 +30,7 @@ from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee
-from planners.guarantee.kernel_posterior import posterior_from_prior
-from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.kernel_posterior import PriorBlocks, posterior_from_prior
 from planners.guarantee.requirement import MapRequirement, Surface
 from planners.prediction import places
 from planners.routes.shortest_paths import FreeGround

@@ -16,10 +16,9 @@ from benchmarks.promise_on_real_ground.surveys import map_error_m
 from benchmarks.promise_on_real_ground.windows import Site
 from benchmarks.report import Row
 from live.link import LinkAddress, Vehicle
-from live.mission.items import AutopilotMission
-from live.mission.transfer import start_mission
-from live.mission.vehicle_mission import upload
-from live.rover.drive import RoverSettings
+from live.mission_items import AutopilotMission
+from live.mission_transfer import start_mission, upload
+from live.rover import RoverSettings
 from live.watch.log import entered
 from live.watch.samples import TelemetryReader, buffered_entries
 from live.watch.survey_watch import SurveyWatch

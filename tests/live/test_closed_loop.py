@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from live.link import LinkAddress, Vehicle
-from live.mission.items import AutopilotMission
-from live.mission.vehicle_mission import upload
+from live.mission_items import AutopilotMission
+from live.mission_transfer import upload
 from live.watch.log import entered, heading_of, legs_as_lists, line_of, replayed
 from live.watch.samples import TelemetryReader, buffered_entries, telemetry_entries
 from live.watch.survey_watch import SurveyWatch

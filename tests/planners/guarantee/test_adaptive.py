@@ -10,8 +10,12 @@ from planners.guarantee.adaptive import (
     next_swath,
     survey_adaptively,
 )
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, posterior_from_prior
-from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.kernel_posterior import (
+    KernelPosterior,
+    PriorBlocks,
+    WeightedKernel,
+    posterior_from_prior,
+)
 from planners.guarantee.survey_lines import SurveyLines
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
