@@ -22,7 +22,7 @@ from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import read_calibration
 from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.gps_files import read_gps
-from vision_slam.readers.images import refuse_cut_off, refuse_other_sizes
+from vision_slam.readers.images import refuse_cut_off_image, refuse_other_sizes
 from vision_slam.readers.sequence import (
     GpsLog,
     ImageSequence,
@@ -112,7 +112,7 @@ def _firnline_recording(place: Path) -> RecordedDrive:
     frames, camera = recording.frames, recording.camera
     if frames is not None and camera is not None and isinstance(frames.images, ImageFiles):
         for file in frames.images.files:
-            refuse_cut_off(file)
+            refuse_cut_off_image(file)
         refuse_other_sizes(frames.images.files, camera)
     _refuse_other_units(recording, place)
     return RecordedDrive(recording)

@@ -100,7 +100,7 @@ def write_pictures(folder: Path, pictures: Mapping[str, Figure]) -> None:
             draft.write_bytes(png_bytes(figure))
 
 
-def pictures_of(
+def draw_localization(
     estimate: DriveEstimate,
     drive: VisionRecords,
     gps: GpsFixes | None = None,

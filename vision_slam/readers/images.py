@@ -65,7 +65,7 @@ def images_of(files: Sequence[Path]) -> AnyImages:
     sequence: cameras of 10, 12 or 14 bits write them into the lower ones of 16.
     """
     for file in files:
-        refuse_cut_off(file)
+        refuse_cut_off_image(file)
     sample = np.unique(np.linspace(0, len(files) - 1, _N_SAMPLED_IMAGES).astype(int)).tolist()
     is_deep = bool(read_pixels(files[0]).dtype == np.uint16)
     sampled = [_of_depth(files[index], is_deep) for index in sample]
@@ -137,7 +137,7 @@ def eight_bits(pixels: npt.NDArray[Any], shift: int, where: str) -> Image:
 
 def read_pixels(path: Path) -> npt.NDArray[Any]:
     """Read an image file as it is."""
-    refuse_cut_off(path)
+    refuse_cut_off_image(path)
     return decoded(path.read_bytes(), str(path))
 
 
@@ -149,7 +149,7 @@ def decoded(content: bytes, where: str) -> npt.NDArray[Any]:
     return np.asarray(pixels)
 
 
-def refuse_cut_off(path: Path) -> None:
+def refuse_cut_off_image(path: Path) -> None:
     """Refuse a file that is missing, empty, or a PNG or JPEG without its end: OpenCV fills what lacks with zeros."""
     with existing_file(path, "the image").open("rb") as stream:
         head = stream.read(8)

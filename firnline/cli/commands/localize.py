@@ -97,11 +97,11 @@ def _write(
 ) -> None:
     """Write files and pictures, and the file of rerun's viewer where it is asked for."""
     from survey.core.replacement import replacing_folder
-    from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
+    from vision_slam.results import OWN_FILES, draw_localization, write_localization, write_pictures
 
     with replacing_folder(out, own=OWN_FILES) as folder:
         write_localization(folder, estimate)
-        write_pictures(folder, pictures_of(estimate, drive.records, drive.gps, comparison))
+        write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, comparison))
     if viewer is not None:
         from vision_slam.results import write_rrd
 
