@@ -10,7 +10,7 @@ from planners.patterns.wavy import WavyConfig as WavyConfig
 from planners.planning import plan as plan
 from planners.routes.rover import Fleet as Fleet
 from planners.routes.rover import Rover as Rover
-from planners.routes.traversability import RoverLimits as RoverLimits
+from planners.routes.rover import RoverLimits as RoverLimits
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import AreaConfig as AreaConfig
 from sim.config.mission import DrawnSetting as DrawnSetting

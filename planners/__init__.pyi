@@ -30,9 +30,9 @@ from planners.registry import steering_of as steering_of
 from planners.routes.rover import Fleet as Fleet
 from planners.routes.rover import Mobility as Mobility
 from planners.routes.rover import Rover as Rover
+from planners.routes.rover import RoverLimits as RoverLimits
 from planners.routes.traversability import Drivable as Drivable
 from planners.routes.traversability import LeftOut as LeftOut
-from planners.routes.traversability import RoverLimits as RoverLimits
 from planners.routes.traversability import drivable as drivable
 from planners.steered_paths import Band as Band
 from planners.steered_paths import rollout as rollout

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from planners.capacity import require_waypoints
-from planners.routes.rover import Mobility, effort
+from planners.routes.rover import Mobility, Turning, effort
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import Tours
-from planners.routes.turns import Turning
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem

@@ -21,8 +21,9 @@ from planners.routes.local_search import (
     transit_length,
     transits,
 )
+from planners.routes.rover import Turning
 from planners.routes.shortest_paths import FreeGround
-from planners.routes.turns import Pose, Turning, Turns, turn_length_m
+from planners.routes.turns import Pose, Turns, turn_length_m
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import FirnlineError, InputError
 from survey.core.streams import stream
