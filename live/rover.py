@@ -290,7 +290,7 @@ class RoverServers:
         self._telemetry = TelemetryServer(component)
         self._waypoint = 0
 
-    def take(self, packet: bytes) -> None:
+    def receive(self, packet: bytes) -> None:
         """Hand a packet from the radio to the servers."""
         self._mavsdk.pass_received_raw_bytes(packet)
 
@@ -375,9 +375,9 @@ def serve_rover(
         while not until():
             packet = radio.receive(_WAIT_S)
             if packet is not None:
-                servers.take(packet)
+                servers.receive(packet)
             while not servers.received.empty():
-                rover.take(servers.received.get())
+                rover.receive(servers.received.get())
             now = monotonic()
             if now - last < every_s:
                 continue
@@ -390,14 +390,14 @@ def serve_rover(
 
 
 class _Rover:
-    """The rover, which is nowhere before its first mission."""
+    """The rover, without a position before its first mission."""
 
     def __init__(self, settings: RoverSettings, terrain: Dem | None) -> None:
         self.settings, self.terrain = settings, terrain
         self.drive: WaypointDrive | None = None
         self._fence: Received | None = None
 
-    def take(self, received: Received) -> None:
+    def receive(self, received: Received) -> None:
         """Take a mission, a fence or the order to start."""
         if received.kind == FENCE:
             self._fence = received

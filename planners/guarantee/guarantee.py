@@ -61,7 +61,7 @@ class StakePlan(NamedTuple):
         return f"{len(self.xy)} stakes at {at} save {self.saved_swaths} swaths"
 
 
-# Ratio of errors from which on they speak against a class; on rough sites without a stated class it was 1.0 to 1.9.
+# Ratio of errors above which they contradict a class; on rough sites without a stated class it was 1.0 to 1.9.
 _CONTRADICTED = 2.0
 
 

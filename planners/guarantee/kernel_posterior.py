@@ -300,7 +300,7 @@ _MOST_KERNELS = 4
 _LEAST_WEIGHT = 0.01
 
 
-# Spread of errors where the prior says nothing: that of the roughness from landscape to landscape.
+# Spread of errors where the prior is no information: that of the roughness from landscape to landscape.
 _PRIOR_SPREAD = 0.8
 
 

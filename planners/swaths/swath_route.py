@@ -145,9 +145,12 @@ def tie_lines(area: SurveyArea, config: SwathConfig, heading_deg: float, after: 
     """
     if config.tie_lines == 0:
         return []
+    # They run from border to border, whatever the swaths keep off it.
+    across = {"swaths": config.tie_lines, "spacing_m": None, "heading_deg": heading_deg + 90.0}
+    across |= {"outer_share": 0.5, "inset_share": 0.0}
     choices = []
     for corner in ("south-west", "south-east", "north-west", "north-east"):
-        across = SwathConfig(swaths=config.tie_lines, heading_deg=heading_deg + 90.0, start=corner)
-        choices.append(reference_lines(area, across).back_and_forth)
+        lines = reference_lines(area, config.model_copy(update={**across, "start": corner}))
+        choices.append(lines.back_and_forth)
     axes = min(choices, key=lambda lines: float(np.hypot(*(lines[0][0] - after))))
     return [Swath(axis, axis) for axis in axes]
