@@ -26,7 +26,8 @@ from survey.data.camera import Camera
 from survey.data.frames import Image
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, styled
 from vision_slam.odometry.tracks import grey_of
-from vision_slam.readers.images import FORWARD, image_files, images_of
+from vision_slam.readers.calibrations import FORWARD
+from vision_slam.readers.images import image_files, images_of
 from vision_slam.readers.photos import checked_photos
 
 _SEARCHED_PX = 1600  # chessboards are searched in images of this width, and refined in the full ones

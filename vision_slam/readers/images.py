@@ -214,9 +214,6 @@ def read_text(path: str | Path, what: str) -> str:
         ) from error
 
 
-# Where x right, y down, z forward lie on a body with x forward, y left, z up.
-FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
 # Names of units, their number per second, and times since 1970 and intervals between images that are in them.
 _TIME_UNITS = (
     ("nanoseconds", 1e9, 1e17, 1e6),
@@ -265,16 +262,6 @@ def seconds_of(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         if times[0] > since_1970 or interval > least_interval:
             return times / per_second, (f"the times of the images were taken as {name}",)
     return times, ()
-
-
-def calibrated_camera(place: Path) -> Camera:
-    """Read the calibration beside the images of a folder."""
-    if not (place / "camera.toml").is_file():
-        raise InputError(
-            f"{place} holds images and no camera.toml; calibrate the camera (firnline calibrate) and put it there, or name "
-            "it with --camera."
-        )
-    return Camera.read(place / "camera.toml")
 
 
 def image_files(folder: Path) -> list[Path]:
