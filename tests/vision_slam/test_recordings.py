@@ -153,11 +153,11 @@ def test_the_viewers_file_holds_the_drive(drive: RecordedDrive, tmp_path: Path) 
 
 def _first_images(drive: RecordedDrive, place: Path, n: int) -> Path:
     place.mkdir()
-    assert drive.camera is not None
-    assert drive.frames is not None
-    drive.camera.write(place / "camera.toml")
+    assert drive.records.camera is not None
+    assert drive.records.frames is not None
+    drive.records.camera.write(place / "camera.toml")
     for k in range(n):
-        cv2.imwrite(str(place / f"{drive.frames.time_s[k]:.2f}.png"), drive.frames[k])
+        cv2.imwrite(str(place / f"{drive.records.frames.time_s[k]:.2f}.png"), drive.records.frames[k])
     return place
 
 

@@ -15,7 +15,8 @@ from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
     from survey.data.ice_motion import IceMotion
-    from vision_slam.drive_estimate import Comparison, DriveEstimate
+    from vision_slam.drive_estimate import DriveEstimate
+    from vision_slam.evaluation import Comparison
     from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -69,7 +70,7 @@ def _end_dry_run(drive: "RecordedDrive", request: LocalizeRequest) -> NoReturn:
     drive.config(request.overrides)
     drive.visual_config(request.overrides)
     facts: dict[str, object] = {
-        "images": 0 if drive.frames is None else len(drive.frames.time_s),
+        "images": 0 if drive.records.frames is None else len(drive.records.frames.time_s),
         "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
     }
     end_dry_run([request.out], facts | {f"note {k}": note for k, note in enumerate(drive.notes, start=1)})

@@ -39,7 +39,9 @@ def test_a_terrain_model_imports_neither_estimators_nor_plots():
 
 def test_settings_of_planners_import_no_compiled_layouts():
     heavy = {"numba", "matplotlib", "sklearn", "gtsam", "cv2"}
-    assert not loaded_by("from firnline import LawnmowerConfig, WavyConfig, Rover, Fleet") & (heavy | {"scipy"})
+    assert not loaded_by("from firnline import LawnmowerConfig, WavyConfig, Rover, Fleet") & (
+        heavy | {"scipy"}
+    )
     assert not loaded_by("from planners import BestConfig, PlannerConfig, VarianceDrivenConfig") & heavy
 
 
