@@ -52,6 +52,7 @@ def spread_places(area: SurveyArea, n: int) -> FloatArray:
     return inside
 
 
+# Nearer samples screen those beyond.
 _N_NEAREST = 120
 
 

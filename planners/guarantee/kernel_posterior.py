@@ -44,6 +44,7 @@ from survey.reconstruction.gp.kernels import Kernel, Stationary
 RESOLUTION_CELLS = 2.0
 """Width of what a cell of a coarse product shows, in cells: products resolve two to three of their cells."""
 
+# Blocks of ten by ten cells, of which six are used: a covariance of 100 cells is factorized for each length scale.
 _SIDE = 10
 _MOST_BLOCKS = 6
 _LEAST_CELLS = 9

@@ -144,6 +144,7 @@ def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
 
 
 _MOST_SWATHS = 30
+# Relief that is longer than five cells is all that a prior shows well.
 _WIDEST_CELLS = 5.0
 
 

@@ -57,6 +57,7 @@ INSET_SHARE = 0.5
 _BORDERS = ((INSET_SHARE, 0.5), (0.25, 0.35), (0.35, 0.35), (0.5, 0.4), (0.65, 0.4))
 """Inset of the ends and place of the outer lines that are compared, in spacings."""
 
+# About the defaults of `WavyConfig`, 0.6 and 0.85.
 _STEEPNESSES = (0.3, 0.45, 0.6, 0.8)
 _WAVELENGTH_SCALES = (0.7, 0.85, 1.0, 1.25)
 _MOST_SAMPLES = 700

@@ -117,6 +117,7 @@ _LONGEST_ROW = 6
 _MOST_ROUNDS = 60
 _MOST_PAIRS = 250
 """Exchanges are tried between short rows only; longer ones balance by giving alone."""
+# Changes that save less than this count as none: rounding would let the rounds go on.
 _GAIN_S = 1e-3
 
 

@@ -71,6 +71,7 @@ def _near_ends(xy: FloatArray) -> IntArray:
     return rows
 
 
+# Moves that save less than this count as none: rounding would let the search run in circles.
 _GAIN_M = 1e-3
 _LONGEST_ROW = 12
 """Kicks exchange two rows of at most this many swaths; longer ones are undone more often."""

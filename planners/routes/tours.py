@@ -30,6 +30,8 @@ from survey.core.streams import stream
 from survey.data.route import Leg
 
 _KICKS_PER_SWATH, _MOST_KICKS, _KICKS_PER_SHARE = 25, 5_000, 200
+# Swath ends nearer to one another than so many turning radii are charged with the length of their turn: beyond, a turn is
+# hardly longer than the straight way. Transits that no turn fits are struck out by a length that no tour takes.
 _TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 20, 1e6
 
 

@@ -27,7 +27,7 @@ from vision_slam.readers.sequence import VisionRecords
 
 MANY_REFUSED = 3
 """Refused fixes beyond which a delay is tried, or, at the end of a drive, beyond which its last poses count as lost."""
-_SURVEY_GRADE_M = 0.1
+_SURVEY_GRADE_M = 0.1  # errors of receivers with corrections, which stamp fixes by hardware
 _BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
 

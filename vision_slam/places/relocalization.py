@@ -24,10 +24,10 @@ from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.ground_view import GroundMosaics, Overlay, match_overlay
 from vision_slam.readers.sequence import VisionRecords
 
-_HOLE_S = 1.5
+_HOLE_S = 1.5  # longer gaps of images that wheels and gyro do not bridge interrupt the odometry
 _FORGOTTEN_S = 5.0
-_FREE_M, _FREE_RAD = 300.0, np.pi
-_FIX_M = 2.0
+_FREE_M, _FREE_RAD = 300.0, np.pi  # errors of the step and turn over a gap, which nothing measured
+_FIX_M = 2.0  # error of fixes; over their extent it is the error of the heading
 _LEAST_FIXES = 5
 _LONG_ENOUGH_M = 10.0
 _LEAST_AGREE = 40
