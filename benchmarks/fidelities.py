@@ -28,7 +28,6 @@ from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import localize
-from vision_slam.pipeline import image_config
 
 IMAGES = SensorConfig(
     yaw_sigma_deg=0.0,
@@ -136,7 +135,7 @@ def surveyed(site: Site, route: Route, mission: MissionConfig, draw: int) -> Out
     recording, real = simulate_statistical(
         site.ground, route, mission.model_copy(update={"seed": draw, "sensors": sensors})
     )
-    localized = localize(recording, image_config(assumed))
+    localized = localize(recording, assumed.with_image_errors())
     path, points = localized.trajectory, localized.points
     assert path.error is not None
     found = JointTerrain(path.error, site.prior).map(points, site.nodes)

@@ -22,13 +22,12 @@ from survey.core.streams import stream
 from survey.data.recording import Recording
 from survey.data.sensors.records import GpsFixes
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.steps import align_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.pipeline import image_config
+from vision_slam.places.relocalization import align_heading
 
 SEEDS = (21, 22, 23, 24, 25)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
@@ -61,7 +60,7 @@ class Outcome:
 
 def judged(recording: Recording, found: VisualOdometry, folder: Path, n_draws: int) -> Outcome:
     """Localize one drive under several draws of the receiver."""
-    config = image_config(LocalizationConfig())
+    config = LocalizationConfig().with_image_errors()
     real = Trajectory.read(folder / "truth" / "trajectory.tum", recording.crs)
     times = found.odometry.time_s
     place = _at(times, real)

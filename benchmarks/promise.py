@@ -30,11 +30,9 @@ from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee
-from planners.guarantee.kernel_posterior import posterior_from_prior
-from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.kernel_posterior import PriorBlocks, posterior_from_prior
 from planners.guarantee.requirement import MapRequirement, Surface
 from planners.prediction import places
-from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
@@ -216,7 +214,7 @@ def _adaptive(site: Site, task: Task) -> Outcome:
         limit_m=CLASS_3_M,
         noise_m=task.noise_m,
         sample_step_m=STEP_M,
-        heading_deg=across_marked_grain(FreeGround(site.area.free), site.prior),
+        heading_deg=across_marked_grain(site.area.free, site.prior),
     )
     survey = survey_adaptively(site.area, posterior, config, drive)
     if survey.route is None:

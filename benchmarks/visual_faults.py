@@ -36,11 +36,12 @@ from survey.data.frames import Frames, Image
 from survey.data.recording import Recording
 from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.steps import align_heading
+from vision_slam.agreement.steps import with_loop_closures
 from vision_slam.config import LocalizationConfig
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.pipeline import image_config, localize, with_loop_closures
+from vision_slam.pipeline import localize
+from vision_slam.places.relocalization import align_heading
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.
 SEEDS = (43, 44)
@@ -221,7 +222,7 @@ def _closures(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     folder = driven_once(seed, (), KNOT)
     recording = Recording.read(folder / "recording")
     seen, _ = align_heading(recording, visual_odometry(recording))
-    closures = with_loop_closures(seen, image_config(LocalizationConfig())).loop_closures
+    closures = with_loop_closures(seen, LocalizationConfig().with_image_errors()).loop_closures
     assert closures is not None
     real = Trajectory.read(folder / "truth" / "trajectory.tum", recording.crs)
     turns = Slerp(real.time_s, Rotation.from_quat(real.quaternion))

@@ -9,7 +9,7 @@ from planners.patterns.wavy import WavyConfig as WavyConfig
 from planners.planning import plan as plan
 from planners.routes.rover import Fleet as Fleet
 from planners.routes.rover import Rover as Rover
-from planners.routes.traversability import RoverLimits as RoverLimits
+from planners.routes.rover import RoverLimits as RoverLimits
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import MissionConfig as MissionConfig
 from sim.config.mission import RoverConfig as RoverConfig

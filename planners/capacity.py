@@ -67,7 +67,7 @@ def require_cells(n_cells: int) -> None:
         )
 
 
-def require_nodes(n_nodes: float, cell_m: float) -> None:
+def require_error_nodes(n_nodes: float, cell_m: float) -> None:
     """Refuse a predicted map with more nodes than can be computed.
 
     `cell_m`: distance between them [m].

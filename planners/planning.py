@@ -2,7 +2,7 @@
 
 `plan` checks the request, finds the ground that the rover can drive on, lays the pattern of the registry over it, and
 predicts length, time, energy and map error of the route. `planned_on` does the same on ground that is already found
-drivable, without checks. A prior DEM need not cover the area: `covered_share` is the share of the free ground on
+drivable, without checks. A prior DEM need not cover the area: `prior_covered_share` is the share of the free ground on
 which it has a height.
 """
 
@@ -209,14 +209,14 @@ def _if_covering(prior: Dem | None, route: Route) -> Dem | None:
 _N_ALONG = 64
 
 
-def covered_share(area: SurveyArea, prior: Dem) -> float:
+def prior_covered_share(area: SurveyArea, prior: Dem) -> float:
     """Return the share of the area's free ground that lies on cells with a height.
 
     Returns: between 0 and 1, from 64 places along the longer side of the area.
 
     >>> from survey.data.grid import Grid
     >>> dem = Dem.on(Grid((5.0, 5.0, 45.0, 95.0), 10.0, "EPSG:32608"), np.zeros((10, 5)))
-    >>> covered_share(SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), "EPSG:32608"), dem)
+    >>> prior_covered_share(SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), "EPSG:32608"), dem)
     0.5
     """
     area.require_crs(prior.crs, "the prior")
@@ -226,7 +226,7 @@ def covered_share(area: SurveyArea, prior: Dem) -> float:
 
 def require_cover(area: SurveyArea, prior: Dem) -> float:
     """Return the covered share; warn where some of the area has no height, refuse where all of it has none."""
-    share = covered_share(area, prior)
+    share = prior_covered_share(area, prior)
     if share == 0.0:
         inner, outer = (tuple(round(b, 1) for b in bounds) for bounds in (area.bounds, prior.bounds))
         raise InputError(
@@ -240,12 +240,12 @@ def require_cover(area: SurveyArea, prior: Dem) -> float:
     return share
 
 
-def cell_centres(area: SurveyArea, n_along: int) -> FloatArray:
+def _cell_centres(area: SurveyArea, n_along: int) -> FloatArray:
     """Return the centres of square cells on the free ground.
 
     Returns (M, 2): easting and northing [m].
 
-    >>> cell_centres(SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608"), 2).tolist()
+    >>> _cell_centres(SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608"), 2).tolist()
     [[5.0, 5.0], [15.0, 5.0]]
     """
     xmin, ymin, xmax, ymax = area.bounds
@@ -263,7 +263,7 @@ def cell_centres(area: SurveyArea, n_along: int) -> FloatArray:
 def _places(area: SurveyArea) -> FloatArray:
     """Return places (N, 2) over the free ground, however narrow it is."""
     try:
-        return cell_centres(area, _N_ALONG)
+        return _cell_centres(area, _N_ALONG)
     except InputError:
         corners: FloatArray = shapely.get_coordinates(area.free)
         return corners

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from planners.capacity import require_cells, require_nodes, require_samples
+from planners.capacity import require_cells, require_error_nodes, require_samples
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -52,10 +52,11 @@ def spread_places(area: SurveyArea, n: int) -> FloatArray:
     return inside
 
 
+# Nearer samples screen those beyond.
 _N_NEAREST = 120
 
 
-def variance_from_nearest(kernel: Kernel, xy: FloatArray, sigma_m: float, at: FloatArray) -> FloatArray:
+def _variance_from_nearest(kernel: Kernel, xy: FloatArray, sigma_m: float, at: FloatArray) -> FloatArray:
     """Return the variance at places, each predicted from its 120 nearest samples, which screen those beyond.
 
     `kernel`: covariance of the terrain [m²]. `xy` (N, 2): easting and northing of the samples [m]. `sigma_m`:
@@ -140,11 +141,16 @@ class ErrorModel:
             raise ConfigError(f"the sample spacing is {sample_step_m} m; it must be greater than 0.")
         xmin, ymin, xmax, ymax = area.bounds
         cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
-        require_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
+        require_error_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
         n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
         x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
         grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
         return cls(area, grid, kernel, noise_m, sample_step_m)
+
+    @property
+    def slope_length_m(self) -> float:
+        """Distance over which the terrain's slopes change [m]."""
+        return slope_length_m(self.kernel)
 
     @cached_property
     def nodes(self) -> FloatArray:
@@ -173,7 +179,7 @@ class ErrorModel:
             step = max(self.sample_step_m, 0.5 * self._apart_m(route), route.length_m / _MOST_PLACES)
         xy, noise = places(route, step), self.noise_m * float(np.sqrt(self.sample_step_m / step))
         if is_local:
-            return variance_from_nearest(self.kernel, xy, max(noise, self._least_noise_m), at)
+            return _variance_from_nearest(self.kernel, xy, max(noise, self._least_noise_m), at)
         return self.variance(xy, noise, at)
 
     def _is_local(self, route: Route, most_samples: int) -> bool:

@@ -3,4 +3,3 @@
 from vision_slam.config import LocalizationConfig as LocalizationConfig
 from vision_slam.evaluation import trajectory_error as trajectory_error
 from vision_slam.pipeline import localize as localize
-from vision_slam.pipeline import localize_on_ice as localize_on_ice

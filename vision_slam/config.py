@@ -6,7 +6,7 @@ landmarks. `ImageOdometryErrors` are the errors of odometry from images, which r
 its unit.
 """
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
@@ -15,6 +15,7 @@ from survey.core.config import Section
 
 _UNKNOWN_START_M = 100.0
 _UNKNOWN_HEADING_DEG = 5.0
+_DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 UNKNOWN_MEMORY_S = 500.0
 """Correlation time of the fixes' errors of a receiver of which nothing is known; on a glacier 220 to 900 s [s]."""
 UNKNOWN_CLOCK_S = 0.5
@@ -156,6 +157,24 @@ class LocalizationConfig(Section):
         known = self.start == "surveyed"
         heading_deg = self.heading_sigma_deg if known else max(self.heading_sigma_deg, _UNKNOWN_HEADING_DEG)
         return self.start_sigma_m if known else _UNKNOWN_START_M, float(np.radians(heading_deg))
+
+    @property
+    def fix_sigma_m(self) -> float:
+        """Horizontal standard deviation of a fix, slowly varying and independent errors together [m]."""
+        return float(np.hypot(self.gps_bias_sigma_m, self.gps_white_sigma_m))
+
+    def with_image_errors(self, scale_drift_sigma: float = 0.0) -> Self:
+        """Return the configuration with the odometry errors of images in place of those of other odometry.
+
+        A relative drift of scale that the lens may cause, `scale_drift_sigma`, widens the varying part of the scale error,
+        and lasts longer.
+        """
+        images = self.images
+        if scale_drift_sigma > 0.0:
+            wander = float(np.hypot(images.scale_wander_sigma, scale_drift_sigma))
+            length_m = max(images.scale_wander_m, _DRIFTS_OVER_M)
+            images = images.model_copy(update={"scale_wander_sigma": wander, "scale_wander_m": length_m})
+        return self.model_copy(update=images.model_dump())
 
 
 class VisualOdometryConfig(Section):

@@ -35,7 +35,8 @@ _BIAS_WALK_RAD_S_SQRT_S = np.radians(0.0005)
 # Error of a turn by images between two keyframes, and errors of theirs that do not average out without far features.
 _IMAGES_RAD, _IMAGES_RAD_S = np.radians(0.05), np.radians(0.02)
 _MOST_SIGMAS = 4.0
-_GAP_S, _COAST_S = 1.5, 0.25
+GAP_S = 1.5  # readings or images farther apart than this leave a gap, in which nothing is measured
+_COAST_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class MotionSensors:
 
     def gap(self, first_s: float, last_s: float) -> list[float]:
         """Return moments between two images that are far apart, if wheels and gyro go on in between."""
-        if last_s - first_s <= _GAP_S or not self._goes_on(first_s, last_s):
+        if last_s - first_s <= GAP_S or not self._goes_on(first_s, last_s):
             return []
         n = int(np.ceil((last_s - first_s) / _COAST_S))
         moments: list[float] = np.linspace(first_s, last_s, n + 1)[1:-1].tolist()
@@ -97,7 +98,7 @@ class MotionSensors:
             if sensor is None:
                 return False
             inside = sensor.time_s[(sensor.time_s > first_s) & (sensor.time_s < last_s)]
-            if np.diff(np.r_[first_s, inside, last_s]).max() > _GAP_S:
+            if np.diff(np.r_[first_s, inside, last_s]).max() > GAP_S:
                 return False
         return True
 

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,31 +11,19 @@ import numpy as np
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Camera
-from survey.data.frames import Frames
 from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.sensors.records import GpsFixes
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.sanity_checks import refuse_swapped_images
-from vision_slam.agreement.scale import refuse_untracked
 from vision_slam.config import LocalizationConfig, VisualOdometryConfig
-from vision_slam.drive_estimate import (
-    Comparison,
-    DriveEstimate,
-    compare_aligned,
-    compare_from_start,
-    compare_in_crs,
-)
-from vision_slam.fusion.online import predicted_covariance
-from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.pipeline import image_config, localize, localize_on_ice, process_images
+from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.evaluation import Comparison, compare_aligned, compare_from_start, compare_in_crs
+from vision_slam.pipeline import localize, localize_images
 from vision_slam.readers.datasets import is_kitti, read_poses
 from vision_slam.readers.gps_files import is_receiver_file, read_gps
 from vision_slam.readers.sequence import ImageSequence
 
 logger = logging.getLogger(__name__)
-_UNIT = 1e-6
 
 
 class ReferencePoses(NamedTuple):
@@ -65,16 +53,6 @@ class RecordedDrive:
         return isinstance(self.records, Recording) and self.records.start_is_surveyed
 
     @property
-    def frames(self) -> Frames | None:
-        """Images."""
-        return self.records.frames
-
-    @property
-    def camera(self) -> Camera | None:
-        """Calibration."""
-        return self.records.camera
-
-    @property
     def gps(self) -> GpsFixes | None:
         """Fixes, in the working CRS."""
         return self.records.gps if isinstance(self.records, Recording) else None
@@ -102,42 +80,19 @@ class RecordedDrive:
     ) -> DriveEstimate:
         """Estimate path and landmarks.
 
-        With fixes this is `vision_slam.localize`, or `vision_slam.localize_on_ice`; without, the path is that of visual
-        odometry.
+        With fixes this is `vision_slam.localize`; without, the path is that of visual odometry.
         """
-        if motion is not None:
-            return self._localized_on_ice(motion, config, progress, visual_config)
         if isinstance(self.records, Recording):
+            if motion is not None and self.records.odometry is None and self.records.frames is None:
+                raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
             return DriveEstimate.in_crs(
-                localize(self.records, config, visual_config=visual_config, progress=progress)
+                localize(self.records, config, visual_config=visual_config, motion=motion, progress=progress)
             )
-        visual = visual_odometry(self.records, visual_config, progress)
-        refuse_swapped_images(visual.odometry)
-        has_wheels = self.records.wheels is not None and not visual.ignores_wheels
-        if not has_wheels:
-            refuse_untracked(visual)
-        errors = image_config(config or LocalizationConfig(), visual.scale_drift_sigma)
-        # Without wheels the scale is the unit of the path; with them it is theirs.
-        scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT
-        errors = errors.model_copy(update={"scale_sigma": scale_sigma})
-        estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
-        note = visual.mounting_note(self.records.camera)
-        return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))
-
-    def _localized_on_ice(
-        self,
-        motion: IceMotion,
-        config: LocalizationConfig | None,
-        progress: Progress | None,
-        visual_config: VisualOdometryConfig | None,
-    ) -> DriveEstimate:
-        """Estimate path, landmarks and the motion of the ice; refuse images without fixes."""
-        if not isinstance(self.records, Recording):
+        if motion is not None:
             raise InputError(
                 "the recording has no fixes, and the motion of the ice is one relative to them; add --gps, or leave --epoch out."
             )
-        visual = process_images(self.records, visual_config, progress)
-        return DriveEstimate.in_crs(localize_on_ice(self.records, motion, config, visual=visual))
+        return localize_images(self.records, config, visual_config=visual_config, progress=progress)
 
     def compare(
         self, estimate: DriveEstimate, reference: Trajectory | ReferencePoses | None
@@ -170,16 +125,16 @@ class RecordedDrive:
         return Trajectory(fixes.time_s, fixes.position, level, np.zeros((len(fixes), 3, 3)), crs)
 
     def _read_own_poses(self, path: Path) -> ReferencePoses:
-        if self.frames is None or self.camera is None:
+        if self.records.frames is None or self.records.camera is None:
             raise InputError(
                 f"{path} holds poses of images, and the recording has none; name a path in its CRS."
             )
-        return ReferencePoses(*read_poses(path, self.frames.time_s, self.camera))
+        return ReferencePoses(*read_poses(path, self.records.frames.time_s, self.records.camera))
 
     def _compare_own_poses(self, estimate: DriveEstimate, reference: ReferencePoses) -> Comparison:
         """Compare with poses of the body or of the camera, whichever agrees better: files do not say."""
         compare = compare_from_start if estimate.trajectory is None else compare_aligned
-        mount = np.eye(4) if self.camera is None else self.camera.T_body_camera
+        mount = np.eye(4) if self.records.camera is None else self.records.camera.T_body_camera
         # A path without a scale is that of the camera: its position on the body is not subtracted.
         mount = np.linalg.inv(estimate.T_body_tracked) @ mount
         of_body = mount @ reference.poses @ np.linalg.inv(mount)

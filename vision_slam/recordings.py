@@ -22,7 +22,7 @@ from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import read_calibration
 from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.gps_files import read_gps
-from vision_slam.readers.images import refuse_cut_off, refuse_other_sizes
+from vision_slam.readers.images import refuse_cut_off_image, refuse_other_sizes
 from vision_slam.readers.sequence import (
     GpsLog,
     ImageSequence,
@@ -112,7 +112,7 @@ def _firnline_recording(place: Path) -> RecordedDrive:
     frames, camera = recording.frames, recording.camera
     if frames is not None and camera is not None and isinstance(frames.images, ImageFiles):
         for file in frames.images.files:
-            refuse_cut_off(file)
+            refuse_cut_off_image(file)
         refuse_other_sizes(frames.images.files, camera)
     _refuse_other_units(recording, place)
     return RecordedDrive(recording)
@@ -131,11 +131,11 @@ _GRAVITY_M_S2 = 9.81
 _LEAST_FORCE, _MOST_FORCE = 0.8, 1.5
 _LEAST_UP = 0.5  # share of the force along z, that of a slope of 60°
 # No rover turns at more than 3 rad/s in a twentieth of a drive, or in full circles a second for three seconds.
-_OFTEN, _OFTEN_RAD_S = 95.0, 3.0
-_SECONDS, _SELDOM_RAD_S = 3, 2.0 * np.pi
+_FAST_PERCENTILE, _FAST_RAD_S = 95.0, 3.0
+_FASTEST_SECONDS, _FASTEST_RAD_S = 3, 2.0 * np.pi
 _FASTEST_M_S = 30.0
 # No rover turns on the spot for so long, and goes nowhere in between.
-_ROLLED_M, _OPPOSED = 20.0, 0.1
+_ROLLED_M, _OPPOSED_SHARE = 20.0, 0.1
 _WINDOW_S = 1.0
 
 
@@ -163,8 +163,11 @@ def _refuse_fast_turns(inertial: Inertial) -> None:
     seconds = np.floor((inertial.time_s - inertial.time_s[0]) / _WINDOW_S)
     parts = np.split(rates, np.flatnonzero(np.diff(seconds)) + 1)
     medians = np.sort([np.median(part) for part in parts])
-    often, seldom = float(np.percentile(medians, _OFTEN)), float(medians[max(-_SECONDS, -len(medians))])
-    if often > _OFTEN_RAD_S or seldom > _SELDOM_RAD_S:
+    often, seldom = (
+        float(np.percentile(medians, _FAST_PERCENTILE)),
+        float(medians[max(-_FASTEST_SECONDS, -len(medians))]),
+    )
+    if often > _FAST_RAD_S or seldom > _FASTEST_RAD_S:
         raise InputError(
             f"the gyro turns at {max(often, seldom):.1f} rad/s for seconds, and no rover turns so fast; "
             "where the rates are in degrees per second, multiply them by 0.0174533."
@@ -225,7 +228,7 @@ def _refuse_opposed_wheels(wheels: Wheels) -> None:
     left, right = np.diff(wheels.left_m), np.diff(wheels.right_m)
     sides_m = [float(np.abs(side).sum()) for side in (left, right)]
     together_m = 0.5 * float(np.abs(left + right).sum())
-    if min(sides_m) > _ROLLED_M and together_m < _OPPOSED * min(sides_m):
+    if min(sides_m) > _ROLLED_M and together_m < _OPPOSED_SHARE * min(sides_m):
         raise InputError(
             f"the left wheels roll {sides_m[0]:.0f} m and the right ones {sides_m[1]:.0f} m, in opposite directions from the "
             "start to the end; change the sign of the side that counts backward."

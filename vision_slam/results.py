@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.core.files import replacing
-from survey.data.camera import Camera
 from survey.data.ice_motion import ICE_MOTION, write_motion
 from survey.data.sensors.records import GpsFixes
 from survey.figures.paths import error_over_distance, path_map
 from survey.figures.style import png_bytes
 from survey.io.tables import write_table
 from survey.io.trajectory_files import write_track, write_tum
-from vision_slam.drive_estimate import Comparison, DriveEstimate
+from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.evaluation import Comparison
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.tracks import grey_of
 from vision_slam.plotting import tracks_on_frames
@@ -100,7 +100,7 @@ def write_pictures(folder: Path, pictures: Mapping[str, Figure]) -> None:
             draft.write_bytes(png_bytes(figure))
 
 
-def pictures_of(
+def draw_localization(
     estimate: DriveEstimate,
     drive: VisionRecords,
     gps: GpsFixes | None = None,
@@ -155,12 +155,7 @@ def write_rrd(path: Path, estimate: DriveEstimate, drive: VisionRecords) -> None
         stream.save(str(draft))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         _log_path(rr, stream, estimate)
-        if drive.frames is not None and drive.camera is not None:
-            _log_camera(rr, stream, drive.camera)
-            size = drive.camera.width, drive.camera.height
-            greys = (grey_of(drive.frames[k], *size) for k in range(len(drive.frames)))
-            since_start_s = (drive.frames.time_s - estimate.time_s[0]).tolist()
-            _log_images(rr, stream, zip(since_start_s, greys, strict=True))
+        _log_images(rr, stream, estimate, drive)
         _log_health(rr, stream, estimate)
         stream.flush()
         stream.disconnect()
@@ -181,8 +176,11 @@ def _log_path(rr: Any, stream: Any, estimate: DriveEstimate) -> None:
     )
 
 
-def _log_camera(rr: Any, stream: Any, camera: Camera) -> None:
-    """Log mounting and lens; rerun knows pinholes alone, so that a fisheye's image is a little out of place."""
+def _log_images(rr: Any, stream: Any, estimate: DriveEstimate, drive: VisionRecords) -> None:
+    """Log mounting, lens and images; rerun knows pinholes alone, so that a fisheye's image is a little out of place."""
+    frames, camera = drive.frames, drive.camera
+    if frames is None or camera is None:
+        return
     eye = camera.T_body_camera
     stream.log("world/body/camera", rr.Transform3D(translation=eye[:3, 3], mat3x3=eye[:3, :3]), static=True)
     lens = rr.Pinhole(
@@ -192,12 +190,9 @@ def _log_camera(rr: Any, stream: Any, camera: Camera) -> None:
         image_plane_distance=1.0,
     )
     stream.log("world/body/camera", lens, static=True)
-
-
-def _log_images(rr: Any, stream: Any, images: Iterable[tuple[float, Any]]) -> None:
-    """Log grey images with the time since the first pose [s]."""
-    for since_start_s, grey in images:
-        stream.set_time(_LINE, duration=since_start_s)
+    for index, time_s in enumerate(frames.time_s.tolist()):
+        stream.set_time(_LINE, duration=time_s - estimate.time_s[0])
+        grey = grey_of(frames[index], camera.width, camera.height)
         _, content = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 85])
         image = rr.EncodedImage(contents=content.tobytes(), media_type="image/jpeg")
         stream.log("world/body/camera", image)

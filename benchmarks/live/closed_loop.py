@@ -16,17 +16,15 @@ from benchmarks.promise_on_real_ground.surveys import map_error_m
 from benchmarks.promise_on_real_ground.windows import Site
 from benchmarks.report import Row
 from live.link import LinkAddress, Vehicle
-from live.mission.items import AutopilotMission
-from live.mission.transfer import start_mission
-from live.mission.vehicle_mission import upload
-from live.rover.drive import RoverSettings
+from live.mission_items import AutopilotMission
+from live.mission_transfer import start_mission, upload
+from live.rover import RoverSettings
 from live.watch.log import entered
 from live.watch.samples import TelemetryReader, buffered_entries
 from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig, first_swaths
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
-from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
@@ -104,7 +102,7 @@ def _wanted() -> MapRequirement:
 
 def _planned(site: Site, wanted: MapRequirement) -> tuple[SurveyWatch, Route]:
     """Return the watch of a survey, and its first swaths."""
-    config = AdaptiveConfig.of(wanted, across_marked_grain(FreeGround(site.area.free), site.prior))
+    config = AdaptiveConfig.of(wanted, across_marked_grain(site.area.free, site.prior))
     route = first_swaths(site.area, posterior_of(site.area, site.prior, wanted), config)
     return SurveyWatch(site.area, config, list(route.legs), every_m=1e9), route
 

@@ -10,9 +10,8 @@ import numpy as np
 from benchmarks.live.rover_process import RoverKind, RoverProcess, rover
 from benchmarks.report import Row
 from live.link import LinkAddress, Vehicle
-from live.mission.items import MISSION, AutopilotMission, LinkItem
-from live.mission.transfer import fetch_items
-from live.mission.vehicle_mission import upload
+from live.mission_items import MISSION, AutopilotMission, LinkItem
+from live.mission_transfer import fetch_items, upload
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.interchange.missions import MissionItem

@@ -6,9 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from live.link import LinkAddress
-from live.rover.drive import RoverSettings
-from live.rover.radio import Radio
-from live.rover.servers import serve_rover
+from live.rover import Radio, RoverSettings, serve_rover
 from survey.data.dem import Dem
 
 _SPAWN = multiprocessing.get_context("spawn")

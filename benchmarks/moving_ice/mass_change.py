@@ -21,7 +21,7 @@ from benchmarks.stored_parts import stored
 from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import moving_ice
 from survey.reconstruction.motion.refinement import area_mean
-from vision_slam import localize_on_ice
+from vision_slam import localize
 
 FIRST_SEED, N_PAIRS, DAYS, VELOCITY, HOURS = 12001, 150, 30.0, 0.7, 8.0
 _AT_ONCE = 10
@@ -63,7 +63,7 @@ def _later(early: Drive, seed: int) -> Drive:
 
 def _mean_height(drive: Drive) -> tuple[float, float]:
     """Return the mean height of the map of the epoch [m], and its standard deviation."""
-    found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
+    found = localize(drive.recording, drive.mission.assumed, motion=drive.prior())
     solution = joint_terrain(found, TERRAIN).solved(found.points, drive.nodes.bounds)
     return area_mean(solution, drive.nodes)
 

@@ -11,7 +11,7 @@ from benchmarks.moving_ice.figures import share_rows
 from benchmarks.moving_ice.surveys import drive_of, middle_of, real_rates
 from benchmarks.report import Row
 from benchmarks.stored_parts import stored
-from vision_slam import localize_on_ice
+from vision_slam import localize
 
 FIRST_SEED, N_SEEDS = 11001, 300
 _AT_ONCE = 50
@@ -31,7 +31,7 @@ def motions(folder: Path, *, n: int) -> list[dict[str, Any]]:
 def _motion(k: int) -> dict[str, Any]:
     case = Case(_VELOCITIES[k % 4], _HOURS[k // 4 % 2], 4, FIRST_SEED + k)
     drive = drive_of(case)
-    motion = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed).ice_motion
+    motion = localize(drive.recording, drive.mission.assumed, motion=drive.prior()).ice_motion
     assert motion is not None
     place = middle_of(drive.nodes)
     sigma = motion.rates_sigma(place)[0]

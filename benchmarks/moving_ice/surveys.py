@@ -27,7 +27,7 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointMap
 from survey.reconstruction.motion.refinement import refined_motion
-from vision_slam import localize, localize_on_ice
+from vision_slam import localize
 from vision_slam.drive_estimate import Localization
 
 _Z95 = 1.959964
@@ -117,7 +117,7 @@ def recording_on(ice: MovingIce, still: Recording) -> Recording:
 def outcomes_of(case: Case) -> dict[str, Any]:
     """Map the survey of a case with its motion, and by the static estimate."""
     drive = drive_of(case)
-    found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
+    found = localize(drive.recording, drive.mission.assumed, motion=drive.prior())
     moving = _judged(drive, found, case.kernel)
     static = _judged(drive, localize(drive.recording, drive.mission.assumed), case.kernel)
     return {"moving": asdict(moving), "static": asdict(static)}

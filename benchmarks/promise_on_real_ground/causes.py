@@ -17,7 +17,6 @@ from benchmarks.report import Row
 from planners.guarantee.guarantee import posterior_of
 from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.survey_lines import SurveyLines
-from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
@@ -61,7 +60,7 @@ def cause_of(task: Task, outcome: Outcome) -> Cause:
     """Compare the roughness of a window with the one that its prior makes likely."""
     site = site_of(task.landscape, task.index)
     posterior = posterior_of(site.area, site.prior, requirement_of(site, task))
-    heading_deg = across_marked_grain(FreeGround(site.area.free), site.prior)
+    heading_deg = across_marked_grain(site.area.free, site.prior)
     apart_m = SurveyLines(site.area, heading_deg).width_m / max(outcome.n_swaths, 1)
     lags_m = 0.5 * site.prior.step_m, 0.5 * apart_m
     level, at_swaths = (_log_actual(site.terrain, lag) - _log_predicted(posterior, lag) for lag in lags_m)

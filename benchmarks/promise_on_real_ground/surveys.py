@@ -17,7 +17,6 @@ from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction import places
-from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
@@ -131,7 +130,7 @@ def _adaptive(site: Site, task: Task) -> Outcome:
         heights.append(measured(site, task, xy, "adaptive", len(heights)))
         return heights[-1]
 
-    config = AdaptiveConfig.of(wanted, across_marked_grain(FreeGround(site.area.free), site.prior))
+    config = AdaptiveConfig.of(wanted, across_marked_grain(site.area.free, site.prior))
     made = survey_adaptively(site.area, posterior_of(site.area, site.prior, wanted), config, drive)
     if made.route is None:
         return Outcome(False, made.predicted.rmse_m, np.inf, np.inf, 0)

@@ -5,7 +5,6 @@ from typing import Any
 
 from planners.guarantee.adaptive import AdaptiveConfig, next_swath
 from planners.guarantee.requirement import MapRequirement
-from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.text import length_text
 from survey.data.area import SurveyArea
@@ -28,7 +27,7 @@ def proposed_swath(
     Returns: ``sentence``, ``holds``, and the ``lines`` to drive (empty where there are none) with the
     ``file``.
     """
-    config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
+    config = AdaptiveConfig.of(requirement, across_marked_grain(area.free, prior))
     advice = next_swath(area, driven, points.xy, points.xyz[:, 2], config)
     limit = f"{config.limit_m:.4g} m with {config.probability:.0%}"
     found: dict[str, Any] = {"holds": advice.holds, "lines": []}

@@ -32,7 +32,7 @@ def line_of(entry: dict[str, Any]) -> str:
     return json.dumps(entry, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def heading_of(watch: SurveyWatch) -> dict[str, Any]:
+def watch_header(watch: SurveyWatch) -> dict[str, Any]:
     """Return the first line of a log: everything that a replay needs."""
     return {
         "firnline_watch": VERSION,

@@ -30,6 +30,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.io.vector import WGS84
 from vision_slam.readers.gps_files import read_gps
 
+# Two samples contradict one another where no rover drives so fast, or no ground is so steep.
 _MOST_SPEED_M_S, _MOST_SLOPE = 8.0, 1.5
 _MOST_PAUSE_S = 900.0
 _SIGMAS, _SLACK_M = 6.0, 1.0

@@ -31,7 +31,7 @@ from planners.config import settings_factor
 from planners.guarantee.error_distribution import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
 from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
 from planners.guarantee.requirement import ErrorLimit
-from planners.guarantee.survey_lines import SurveyLines, fewest, gaps_filled
+from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -160,7 +160,7 @@ class AdaptiveState:
             return self._planned_with(self._filled(n_lines)).probability >= probability
 
         # The swath just driven has made the last plan one shorter, more or less: begin there.
-        found = fewest(is_enough, first=self.n_further - 1, most=most)
+        found = smallest_sufficient(is_enough, first=self.n_further - 1, most=most)
         if found is None:
             self.predicted = self.predicted_with(self._filled(most))
             if self.predicted.probability < (_HOPE if len(self.offsets) >= _LEAST_SEEN else _HOPELESS):

@@ -180,7 +180,7 @@ class Correlogram:
     has no second derivative, and by 2e-7 where the length scale is a fortieth of the reach; correlations beyond the
     reach are those at its end.
 
-    `cell`: family and length scale. `reach_m`: largest distance that is asked for [m].
+    `cell`: family and length scale. `reach_m`: largest distance that is evaluated [m].
 
     >>> cell = Cell.of("whittle", 1000.0, 0.0)
     >>> xy = np.array([[0.0, 0.0], [30.0, 40.0]])

@@ -29,10 +29,9 @@ from planners.guarantee.error_distribution import (
 from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.simulated_surveys import RESAMPLED, SimulatedErrors, SimulatedSurveys
-from planners.guarantee.survey_lines import fewest as first_enough
-from planners.guarantee.survey_lines import heading_and_width, swath_counts
+from planners.guarantee.survey_lines import heading_and_width, smallest_sufficient, swath_counts
 from planners.patterns.lawnmower import LawnmowerConfig
-from planners.patterns.wavy import WavyConfig
+from planners.patterns.wavy import LinePattern, WavyConfig
 from planners.planning import planned_on, require_cover
 from planners.prediction import places
 from planners.routes.traversability import Drivable, drivable
@@ -62,10 +61,8 @@ class StakePlan(NamedTuple):
         return f"{len(self.xy)} stakes at {at} save {self.saved_swaths} swaths"
 
 
-# Ratio of errors from which on they speak against a class; on rough sites without a stated class it was 1.0 to 1.9.
+# Ratio of errors above which they contradict a class; on rough sites without a stated class it was 1.0 to 1.9.
 _CONTRADICTED = 2.0
-
-LinePattern = LawnmowerConfig | WavyConfig
 
 
 @dataclass(frozen=True)
@@ -196,7 +193,7 @@ class SwathSearch:
         few = sum(n <= _EACH_TRIED for n in self.counts)
         found = next((index for index in range(1, few + 1) if is_enough(index)), None)
         if found is None and few < len(self.counts):
-            found = first_enough(lambda i: is_enough(few + i), first=2, most=len(self.counts) - few)
+            found = smallest_sufficient(lambda i: is_enough(few + i), first=2, most=len(self.counts) - few)
             found = None if found is None else few + found
         return None if found is None else self.counts[found - 1]
 

@@ -46,7 +46,7 @@ def heavy_tailed(world: ConditionalTerrain, kernel: Stationary, rng: np.random.G
     return world.conditioned(Dem.on(world.wide, factor * kernel_field(world.wide, rng, kernel)), rng)
 
 
-def changing(world: ConditionalTerrain, kernel: Stationary, rng: np.random.Generator) -> Dem:
+def changing_roughness(world: ConditionalTerrain, kernel: Stationary, rng: np.random.Generator) -> Dem:
     """Draw a field of the covariance whose amplitude changes from place to place."""
     xmin, ymin, xmax, ymax = world.wide.bounds
     slow = SquaredExponential(_LOG_AMPLITUDE**2, 0.25 * max(xmax - xmin, ymax - ymin))
@@ -76,7 +76,7 @@ RESAMPLED = "resampled relief"
 
 GROUNDS: dict[str, Ground] = {
     "heavy tails": heavy_tailed,
-    "changing roughness": changing,
+    "changing roughness": changing_roughness,
     RESAMPLED: resampled,
 }
 """Kinds of simulated ground by name."""

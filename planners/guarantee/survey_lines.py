@@ -17,7 +17,7 @@ from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.wavy import WavyConfig, wavy
 from planners.planning import plan
 from planners.routes.shortest_paths import FreeGround
-from planners.swaths.decomposition import clipped
+from planners.swaths.decomposition import clip_lines
 from planners.swaths.heading import across_marked_grain
 from planners.swaths.reference_lines import axes_of, shortened
 from survey.core.arrays import FloatArray, IntArray
@@ -52,7 +52,7 @@ class SurveyLines:
         """Return what is driven (N, 2) on the line at an offset, piece by piece along the line [m]."""
         reach = np.array([self.u.min() - 1.0, self.u.max() + 1.0])
         line = reach[:, None] * self.along + (self.v.min() + offset_m) * self.left
-        axes = [shortened(axis, _INSET_SHARE * spacing_m) for axis in clipped(self.ground, [line])]
+        axes = [shortened(axis, _INSET_SHARE * spacing_m) for axis in clip_lines(self.ground, [line])]
         if not axes:
             return []
         config = WavyConfig(spacing_m=spacing_m)
@@ -144,20 +144,21 @@ def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
 
 
 _MOST_SWATHS = 30
+# Relief that is longer than five cells is all that a prior shows well.
 _WIDEST_CELLS = 5.0
 
 
 def heading_and_width(area: SurveyArea, prior: Dem) -> tuple[float, float]:
     """Return the heading of swaths across a marked grain of a prior [deg], and the area's width across them [m]."""
     # A covariance that is alike in all directions does not show ridges that run beside the swaths.
-    heading_deg = across_marked_grain(FreeGround(area.free), prior)
+    heading_deg = across_marked_grain(area.free, prior)
     return heading_deg, SurveyLines(area, heading_deg).width_m
 
 
-def fewest(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:
+def smallest_sufficient(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:
     """Return the smallest number from 1 to `most` that is enough, sought from `first` on; None where none is.
 
-    >>> fewest(lambda n: n >= 7, first=5, most=30)
+    >>> smallest_sufficient(lambda n: n >= 7, first=5, most=30)
     7
     """
     low, high, step = 0, min(max(first, 1), most), 1

@@ -14,10 +14,10 @@ from typing import Literal, Self
 from pydantic import PositiveFloat, PositiveInt, model_validator
 
 from planners.config import Corner, PatternConfig
-from planners.patterns.lawnmower import LawnmowerConfig, straight_route
+from planners.patterns.lawnmower import LAWNMOWER, LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner, always
-from planners.patterns.wavy import WavyConfig, wavy_route
-from planners.prediction import ErrorModel, slope_length_m
+from planners.patterns.wavy import WAVY, LinePattern, WavyConfig
+from planners.prediction import ErrorModel
 from planners.routes.rover import Crew
 from planners.swaths.reference_lines import narrowest_heading
 from survey.core.arrays import Progress
@@ -57,13 +57,13 @@ INSET_SHARE = 0.5
 _BORDERS = ((INSET_SHARE, 0.5), (0.25, 0.35), (0.35, 0.35), (0.5, 0.4), (0.65, 0.4))
 """Inset of the ends and place of the outer lines that are compared, in spacings."""
 
+# About the defaults of `WavyConfig`, 0.6 and 0.85.
 _STEEPNESSES = (0.3, 0.45, 0.6, 0.8)
 _WAVELENGTH_SCALES = (0.7, 0.85, 1.0, 1.25)
 _MOST_SAMPLES = 700
 _MOST_SWATHS = 200
 
-Shape = LawnmowerConfig | WavyConfig
-_ROUTES: dict[str, Callable[..., Route]] = {"lawnmower": straight_route, "wavy": wavy_route}
+_LAYOUTS = {planner.name: planner.layout for planner in (LAWNMOWER, WAVY)}
 
 
 @dataclass(frozen=True)
@@ -74,12 +74,12 @@ class Choice:
     mean square error of the map [m].
     """
 
-    config: Shape
+    config: LinePattern
     route: Route
     rmse_m: float
 
 
-Sizer = Callable[[Shape], Choice | None]
+Sizer = Callable[[LinePattern], Choice | None]
 
 
 def choose(
@@ -105,11 +105,11 @@ def choose(
     >>> choose(area, BestConfig(swaths=2), model).route.length_m <= 750.0
     True
     """
-    lay = partial(_laid, area, crew)
+    lay = partial(_laid, LayoutTask(area, crew or Crew(), model))
     sized = _counted(_sizer(lay, config, model), _n_shapes(area, config), progress)
     value = _least(config)
 
-    def best_of(shapes: Iterable[Shape]) -> Choice:
+    def best_of(shapes: Iterable[LinePattern]) -> Choice:
         choices = [choice for shape in shapes if (choice := sized(shape)) is not None]
         if not choices:
             raise InputError("not even one swath fits the budget; allow more metres.")
@@ -121,12 +121,12 @@ def choose(
     return min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
 
 
-def _laid(area: SurveyArea, crew: Crew | None, shape: Shape) -> Route:
+def _laid(task: LayoutTask, shape: LinePattern) -> Route:
     """Return the route of a shape."""
-    return _ROUTES[shape.pattern](area, shape, crew=crew)
+    return _LAYOUTS[shape.pattern](shape, task)
 
 
-def _replaced(shape: Shape, **changes: object) -> Shape:
+def _replaced(shape: LinePattern, **changes: object) -> LinePattern:
     """Return a shape with other settings."""
     return shape.model_copy(update=changes)
 
@@ -145,7 +145,7 @@ def _headings(area: SurveyArea, config: BestConfig) -> list[float]:
     return [first, first + 90.0, first + 45.0, first - 45.0]
 
 
-def _straight(area: SurveyArea, config: BestConfig) -> Iterator[Shape]:
+def _straight(area: SurveyArea, config: BestConfig) -> Iterator[LinePattern]:
     heading = _headings(area, config)[0]
     for inset, outer in _BORDERS:
         yield LawnmowerConfig(
@@ -153,17 +153,17 @@ def _straight(area: SurveyArea, config: BestConfig) -> Iterator[Shape]:
         )
 
 
-def _default_wave(heading_deg: float, config: BestConfig, model: ErrorModel) -> Shape:
+def _default_wave(heading_deg: float, config: BestConfig, model: ErrorModel) -> LinePattern:
     shape = WavyConfig(swaths=1, heading_deg=heading_deg, start=config.start)
-    return _replaced(shape, wavelength_m=shape.wavelength_scales * slope_length_m(model.kernel))
+    return _replaced(shape, wavelength_m=shape.wavelength_scales * model.slope_length_m)
 
 
-def _waves_like(wave: Shape, model: ErrorModel) -> Iterator[Shape]:
+def _waves_like(wave: LinePattern, model: ErrorModel) -> Iterator[LinePattern]:
     for inset, outer in _BORDERS:
         yield _replaced(wave, inset_share=inset, outer_share=outer)
     for steepness in _STEEPNESSES:
         for scales in _WAVELENGTH_SCALES:
-            yield _replaced(wave, steepness=steepness, wavelength_m=scales * slope_length_m(model.kernel))
+            yield _replaced(wave, steepness=steepness, wavelength_m=scales * model.slope_length_m)
 
 
 def _n_shapes(area: SurveyArea, config: BestConfig) -> int:
@@ -174,7 +174,7 @@ def _counted(sized: Sizer, n_shapes: int, progress: Progress | None) -> Sizer:
     """Return the same function, which reports progress after each call."""
     n_done = count(1)
 
-    def reporting(shape: Shape) -> Choice | None:
+    def reporting(shape: LinePattern) -> Choice | None:
         choice = sized(shape)
         if progress is not None:
             progress("comparing patterns", next(n_done), n_shapes)
@@ -183,10 +183,10 @@ def _counted(sized: Sizer, n_shapes: int, progress: Progress | None) -> Sizer:
     return reporting
 
 
-def _sizer(lay: Callable[[Shape], Route], config: BestConfig, model: ErrorModel) -> Sizer:
+def _sizer(lay: Callable[[LinePattern], Route], config: BestConfig, model: ErrorModel) -> Sizer:
     """Return the function that gives a shape its number of swaths."""
 
-    def of(shape: Shape, n: int) -> Choice:
+    def of(shape: LinePattern, n: int) -> Choice:
         sized = _replaced(shape, swaths=n)
         route = lay(sized)
         return Choice(sized, route, model.rmse_m(route, _MOST_SAMPLES))
@@ -196,14 +196,14 @@ def _sizer(lay: Callable[[Shape], Route], config: BestConfig, model: ErrorModel)
         return lambda shape: _fewest(lambda n: of(shape, n), wanted_m)
     budget_m = _budget_m(lay, config)
 
-    def within(shape: Shape) -> Choice | None:
+    def within(shape: LinePattern) -> Choice | None:
         n = _most(lambda n: lay(_replaced(shape, swaths=n)).length_m, budget_m)
         return of(shape, n) if n else None
 
     return within
 
 
-def _budget_m(lay: Callable[[Shape], Route], config: BestConfig) -> float:
+def _budget_m(lay: Callable[[LinePattern], Route], config: BestConfig) -> float:
     if config.budget_m is not None:
         return config.budget_m
     plain = LawnmowerConfig(swaths=config.swaths, spacing_m=config.spacing_m, heading_deg=config.heading_deg)

@@ -2,16 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from planners.config import PatternConfig
-from planners.prediction import ErrorModel, slope_length_m
 from planners.routes.rover import Crew
 from planners.steering import Steering
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.route import Route
+
+if TYPE_CHECKING:
+    # A configuration is imported without the packages that predict errors.
+    from planners.prediction import ErrorModel
 
 
 class LayoutTask(NamedTuple):
@@ -24,15 +27,15 @@ class LayoutTask(NamedTuple):
 
     area: SurveyArea
     crew: Crew
-    model: ErrorModel | None = None
+    model: "ErrorModel | None" = None
     progress: Progress | None = None
 
     @property
     def slope_length_m(self) -> float | None:
         """Distance over which the terrain's slopes change [m]; None without a covariance."""
-        return None if self.model is None else slope_length_m(self.model.kernel)
+        return None if self.model is None else self.model.slope_length_m
 
-    def required_model(self, pattern: str) -> ErrorModel:
+    def required_model(self, pattern: str) -> "ErrorModel":
         """Return the error model, or refuse when there is none."""
         if self.model is None:
             raise InputError(

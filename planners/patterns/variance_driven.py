@@ -45,6 +45,7 @@ class VarianceDrivenConfig(PatternConfig):
         return self
 
 
+# The gain of one sample at a place only ranks the insertions; a full prediction takes long and is made for the first ones.
 _MOST_TRIED = 6
 _MOST_SAMPLES = 500
 

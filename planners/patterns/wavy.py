@@ -15,9 +15,8 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from planners.capacity import require_waypoints
 from planners.config import SwathConfig
-from planners.patterns.lawnmower import swath_route
+from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner
-from planners.routes.rover import Crew
 from planners.swaths.reference_lines import Swath
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
@@ -47,6 +46,9 @@ class WavyConfig(SwathConfig):
     wavelength_scales: PositiveFloat = 0.85
     """Length of a wave in slope lengths: ℓ of a squared exponential, ℓ/√3 of a Matérn 3/2 covariance."""
 
+
+LinePattern = LawnmowerConfig | WavyConfig
+"""Patterns of swaths along reference lines, whose number is chosen by a predicted error."""
 
 _POINTS_PER_WAVE = 16
 _MOST_HALVINGS = 5
@@ -117,24 +119,8 @@ def _wave(
     return axis
 
 
-def wavy_route(
-    area: SurveyArea, config: WavyConfig, *, slope_length_m: float | None = None, crew: Crew | None = None
-) -> Route:
-    """Lay wavy swaths over an area and join them.
-
-    `slope_length_m`: distance over which the terrain's slopes change [m]; needed without a wavelength.
-    """
-    crew = crew or Crew()
-    wavelength_m = _wavelength_m(config, slope_length_m)
-    radius_m = crew.rover.turn_radius_m
-
-    def waves(axes: list[FloatArray], spacing_m: float) -> list[Swath]:
-        return wavy(axes, area, config, spacing_m, wavelength_m, turn_radius_m=radius_m)
-
-    return swath_route(area, config, crew, waves)
-
-
 def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
+    """Return the length of a wave [m]: as given, or in proportion to the slope length [m] of the terrain."""
     if config.wavelength_m is not None:
         return config.wavelength_m
     if slope_length_m is None:
@@ -144,7 +130,15 @@ def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
 
 def _layout(config: WavyConfig, task: LayoutTask) -> Route:
     """Lay wavy swaths over the area and join them."""
-    return wavy_route(task.area, config, slope_length_m=task.slope_length_m, crew=task.crew)
+    from planners.swaths.swath_route import swath_route
+
+    wavelength_m = _wavelength_m(config, task.slope_length_m)
+    radius_m = task.crew.rover.turn_radius_m
+
+    def waves(axes: list[FloatArray], spacing_m: float) -> list[Swath]:
+        return wavy(axes, task.area, config, spacing_m, wavelength_m, turn_radius_m=radius_m)
+
+    return swath_route(task.area, config, task.crew, waves)
 
 
 def _needs_kernel(config: WavyConfig) -> bool:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from planners.capacity import require_waypoints
-from planners.routes.rover import Mobility, effort
+from planners.routes.rover import Mobility, Turning, effort
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import Tours
-from planners.routes.turns import Turning
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
@@ -118,6 +117,7 @@ _LONGEST_ROW = 6
 _MOST_ROUNDS = 60
 _MOST_PAIRS = 250
 """Exchanges are tried between short rows only; longer ones balance by giving alone."""
+# Changes that save less than this count as none: rounding would let the rounds go on.
 _GAIN_S = 1e-3
 
 

@@ -71,6 +71,7 @@ def _near_ends(xy: FloatArray) -> IntArray:
     return rows
 
 
+# Moves that save less than this count as none: rounding would let the search run in circles.
 _GAIN_M = 1e-3
 _LONGEST_ROW = 12
 """Kicks exchange two rows of at most this many swaths; longer ones are undone more often."""
@@ -85,7 +86,7 @@ class Tour(NamedTuple):
 
 @njit(cache=True, inline="always")
 def _exact(a: int, b: int, t: Transits) -> float:
-    """Return the length of the transit between two ends [m]."""
+    """Look up the length of the transit between two ends [m]; search for the way where only its bound is known."""
     if t.length[a, b] < 0.0:
         length = search(a, b, t.network, t.parent)
         t.length[a, b] = length
@@ -95,7 +96,7 @@ def _exact(a: int, b: int, t: Transits) -> float:
 
 @njit(cache=True)
 def transit_length(a: int, b: int, t: Transits) -> float:
-    """Return the length of the transit between two ends [m]."""
+    """Return the length of the transit between two ends [m], for callers that are not compiled."""
     return float(_exact(a, b, t))
 
 

@@ -5,7 +5,8 @@ A metre along a slope θ takes the energy
 .. math:: e(\theta) = \frac{1}{\eta} \max(0, m g (c \cos\theta + \sin\theta)) + P / v
 
 of `energy_per_metre`; `effort` adds length, time and energy of a polyline on a DEM, and `predicted` those of the legs of
-a route. `Rover` holds the settings of one rover, `Fleet` their number and where they finish, and `Crew` both with the
+a route. `Rover` holds the settings of one rover: `Mobility`, the `RoverLimits` of the ground and `Turning`. `Fleet` holds
+their number and where they finish, and `Crew` both with the
 prior heights. Nothing is won back downhill.
 """
 
@@ -19,8 +20,6 @@ from pyproj import CRS
 
 from planners.capacity import require_rovers
 from planners.config import dem_in_grid_metres, in_grid_metres
-from planners.routes.traversability import RoverLimits
-from planners.routes.turns import Turning, turning_room_m
 from survey.core.arrays import FloatArray
 from survey.core.config import Section
 from survey.core.errors import InputError
@@ -199,6 +198,58 @@ def predicted(
     if waits_s is not None:
         facts |= {f"wait_s_rover_{rover}": float(wait_s) for rover, wait_s in enumerate(waits_s)}
     return facts
+
+
+class RoverLimits(Section):
+    """Limits of the ground that a rover can drive on.
+
+    Examples
+    --------
+    >>> RoverLimits(max_pitch_deg=25.0, max_roll_deg=15.0).max_slope_deg
+    15.0
+    """
+
+    max_pitch_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope along the direction of driving [deg]; not checked when left out."""
+    max_roll_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope across the direction of driving [deg]; not checked when left out."""
+    max_roughness_m: PositiveFloat | None = None
+    """Largest standard deviation of heights about the plane through 3 × 3 cells [m]; not checked when left out."""
+    clearance_m: NonNegativeFloat = 0.0
+    """Distance that the rover's centre keeps from every border, such as half its width [m]."""
+
+    @property
+    def max_slope_deg(self) -> float | None:
+        """Slope on which a rover may take any heading, as it must wherever it turns [deg]; None without limits."""
+        return min((a for a in (self.max_pitch_deg, self.max_roll_deg) if a is not None), default=None)
+
+    @property
+    def turning_room_m(self) -> float:
+        """Distance from every border that a rover needs where it turns [m]; 0 for one that pivots."""
+        return 0.0
+
+    @property
+    def needs_heights(self) -> bool:
+        """Whether heights of the ground are needed to find where the rover can drive."""
+        return self.max_slope_deg is not None or self.max_roughness_m is not None
+
+
+class Turning(Section):
+    """Turning radius of a rover, and whether it may reverse.
+
+    >>> Turning(turn_radius_m=3.0, reverse=True).turn_radius_m
+    3.0
+    """
+
+    turn_radius_m: NonNegativeFloat = 0.0
+    """Smallest turning radius [m]; 0 for a rover that pivots on the spot."""
+    reverse: bool = False
+    """Whether it may drive backwards while it turns."""
+
+
+def turning_room_m(turn_radius_m: float) -> float:
+    """Return how far from a border the way must run so that an arc rounds a right-angled corner: R (√2 - 1) [m]."""
+    return turn_radius_m * float(np.sqrt(2.0) - 1.0)
 
 
 class Rover(Mobility, RoverLimits, Turning):

@@ -21,14 +21,17 @@ from planners.routes.local_search import (
     transit_length,
     transits,
 )
+from planners.routes.rover import Turning
 from planners.routes.shortest_paths import FreeGround
-from planners.routes.turns import Pose, Turning, Turns, turn_length_m
+from planners.routes.turns import Pose, Turns, turn_length_m
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import FirnlineError, InputError
 from survey.core.streams import stream
 from survey.data.route import Leg
 
 _KICKS_PER_SWATH, _MOST_KICKS, _KICKS_PER_SHARE = 25, 5_000, 200
+# Swath ends nearer to one another than so many turning radii are charged with the length of their turn: beyond, a turn is
+# hardly longer than the straight way. Transits that no turn fits are struck out by a length that no tour takes.
 _TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 20, 1e6
 
 

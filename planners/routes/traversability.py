@@ -11,15 +11,14 @@ from typing import Literal
 import numpy as np
 import rasterio.features
 import shapely
-from pydantic import Field, NonNegativeFloat, PositiveFloat
 from scipy.ndimage import convolve
 from shapely import MultiPolygon, Polygon
 
 from planners.capacity import require_cells
 from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
+from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.config import Section
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -123,40 +122,6 @@ def listed(pieces: list[LeftOut]) -> str:
 
 
 _ROUNDING_M = 1e-6
-
-
-class RoverLimits(Section):
-    """Limits of the ground that a rover can drive on.
-
-    Examples
-    --------
-    >>> RoverLimits(max_pitch_deg=25.0, max_roll_deg=15.0).max_slope_deg
-    15.0
-    """
-
-    max_pitch_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
-    """Largest slope along the direction of driving [deg]; not checked when left out."""
-    max_roll_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
-    """Largest slope across the direction of driving [deg]; not checked when left out."""
-    max_roughness_m: PositiveFloat | None = None
-    """Largest standard deviation of heights about the plane through 3 × 3 cells [m]; not checked when left out."""
-    clearance_m: NonNegativeFloat = 0.0
-    """Distance that the rover's centre keeps from every border, such as half its width [m]."""
-
-    @property
-    def max_slope_deg(self) -> float | None:
-        """Slope on which a rover may take any heading, as it must wherever it turns [deg]; None without limits."""
-        return min((a for a in (self.max_pitch_deg, self.max_roll_deg) if a is not None), default=None)
-
-    @property
-    def turning_room_m(self) -> float:
-        """Distance from every border that a rover needs where it turns [m]; 0 for one that pivots."""
-        return 0.0
-
-    @property
-    def needs_heights(self) -> bool:
-        """Whether heights of the ground are needed to find where the rover can drive."""
-        return self.max_slope_deg is not None or self.max_roughness_m is not None
 
 
 def drivable(

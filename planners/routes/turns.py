@@ -12,12 +12,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from pydantic import NonNegativeFloat
 from shapely import LineString
 
+from planners.routes.rover import Turning, turning_room_m
 from planners.routes.shortest_paths import FreeGround
 from survey.core.arrays import FloatArray
-from survey.core.config import Section
 from survey.core.errors import ConfigError, InputError
 
 Pose = tuple[float, float, float]
@@ -217,19 +216,6 @@ _CHORD_RAD = np.radians(5.0)
 _MOST_WORDS = 12
 
 
-class Turning(Section):
-    """Turning radius of a rover, and whether it may reverse.
-
-    >>> Turning(turn_radius_m=3.0, reverse=True).turn_radius_m
-    3.0
-    """
-
-    turn_radius_m: NonNegativeFloat = 0.0
-    """Smallest turning radius [m]; 0 for a rover that pivots on the spot."""
-    reverse: bool = False
-    """Whether it may drive backwards while it turns."""
-
-
 def turn_length_m(start: Pose, goal: Pose, turning: Turning) -> float:
     """Return the length of the shortest turn on open ground [m].
 
@@ -320,11 +306,6 @@ class Turns:
                 return None
             pieces.append(piece if not pieces else piece[1:])
         return np.vstack(pieces)
-
-
-def turning_room_m(turn_radius_m: float) -> float:
-    """Return how far from a border the way must run so that an arc rounds a right-angled corner: R (√2 - 1) [m]."""
-    return turn_radius_m * float(np.sqrt(2.0) - 1.0)
 
 
 def headland_m(turning: Turning, spacing_m: float) -> float:

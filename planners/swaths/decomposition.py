@@ -56,7 +56,7 @@ def swaths_on(
         if not (np.isfinite(width_m) and width_m >= 0.0):
             raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
     inner = _without_headland(ground, headland_m)
-    lines = clipped(ground, _lines_over(inner, spacing_m, heading_deg, outer_share), headland_m=headland_m)
+    lines = clip_lines(ground, _lines_over(inner, spacing_m, heading_deg, outer_share), headland_m=headland_m)
     lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
     lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
     if not lines:
@@ -142,7 +142,7 @@ def _in_pockets(
         for piece in unswept(ground, lines + added, spacing_m, headland_m=headland_m):
             line = _longest_through(piece, heading_deg, spacing_m)
             if line is not None:
-                found += clipped(ground, [line], headland_m=headland_m)
+                found += clip_lines(ground, [line], headland_m=headland_m)
         if not found:
             break
         added += found
@@ -168,7 +168,7 @@ def _longest_through(piece: Polygon, heading_deg: float, least_m: float) -> Floa
     return longest if met[best] > 0.0 else None
 
 
-def clipped(ground: FreeGround, lines: list[FloatArray], *, headland_m: float = 0.0) -> list[FloatArray]:
+def clip_lines(ground: FreeGround, lines: list[FloatArray], *, headland_m: float = 0.0) -> list[FloatArray]:
     """Cut polylines (N, 2) to the free ground; none of the pieces has a metre outside it.
 
     Where the exact piece is not covered by the ground because of rounding, it is cut at

@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+from shapely import MultiPolygon, Polygon
 
 from planners.config import HeadingRule
 from planners.routes.shortest_paths import FreeGround
@@ -35,11 +36,11 @@ def heading_by(
         return _fewest_swaths(ground, spacing_m)
     if dem is None:
         raise InputError(f"the rule {rule} needs a DEM of the ground; give one or choose narrowest.")
-    east, north = _gradient_within(dem, ground)
+    east, north = _gradient_within(dem, ground.polygon)
     return _slope(east, north) if rule == "slope" else _grain(east, north)
 
 
-def across_marked_grain(ground: FreeGround, dem: Dem) -> float:
+def across_marked_grain(free: Polygon | MultiPolygon, dem: Dem) -> float:
     """Return the heading across the narrowest width, or square to it where a marked grain runs along it [deg].
 
     Samples along a swath do not show ridges that run beside it: the map and its predicted error are both worse
@@ -48,11 +49,11 @@ def across_marked_grain(ground: FreeGround, dem: Dem) -> float:
     >>> from survey.data.grid import Grid
     >>> ridges = np.outer(5.0 * np.sin(np.arange(10.0)), np.ones(10))
     >>> ridges = Dem.on(Grid((0.0, 0.0, 90.0, 90.0), 10.0), ridges)
-    >>> across_marked_grain(FreeGround(shapely.box(0.0, 0.0, 90.0, 90.0)), ridges)
+    >>> across_marked_grain(shapely.box(0.0, 0.0, 90.0, 90.0), ridges)
     90.0
     """
-    heading_deg = narrowest_heading(ground.polygon)
-    slopes = np.column_stack(_gradient_within(dem, ground))
+    heading_deg = narrowest_heading(free)
+    slopes = np.column_stack(_gradient_within(dem, free))
     along, across = (float(np.var(slopes @ axis)) for axis in axes_of(heading_deg))
     return (heading_deg + 90.0) % 180.0 if across > _MARKED * along else heading_deg
 
@@ -81,10 +82,10 @@ def _fewest_swaths(ground: FreeGround, spacing_m: float) -> float:
     return float(min(candidates, key=effort))
 
 
-def _gradient_within(dem: Dem, ground: FreeGround) -> tuple[FloatArray, FloatArray]:
+def _gradient_within(dem: Dem, free: Polygon | MultiPolygon) -> tuple[FloatArray, FloatArray]:
     east, north = (g.ravel() for g in dem.gradient())
     xy = dem.xy
-    known = np.isfinite(east) & np.isfinite(north) & shapely.contains_xy(ground.polygon, xy[:, 0], xy[:, 1])
+    known = np.isfinite(east) & np.isfinite(north) & shapely.contains_xy(free, xy[:, 0], xy[:, 1])
     if not known.any():
         raise InputError("the DEM has no height on the ground; give one that covers it.")
     return east[known], north[known]

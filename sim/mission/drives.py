@@ -186,7 +186,7 @@ def localized(
     prior = assumed_motion(
         mission.ice.assumed, epoch_of(recording, mission), places, recording.crs, path_of=mission.path
     )
-    return vision_slam.localize_on_ice(recording, prior, mission.assumed, visual=visual)
+    return vision_slam.localize(recording, mission.assumed, motion=prior, visual=visual)
 
 
 def with_ice_motion(localized: Path, mapped: MappedTerrain, folder: Path) -> MappedTerrain:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import gammainc
 
 import planners
-from planners.guarantee.survey_lines import fewest
+from planners.guarantee.survey_lines import smallest_sufficient
 from planners.planning import planned_on, require_cover
 from planners.prediction import spread_places
 from planners.registry import planner_of
@@ -173,7 +173,7 @@ def _fewest_swaths(
         sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
         return predicted_survey(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
 
-    nth = fewest(
+    nth = smallest_sufficient(
         lambda n: predicted(counts[n - 1]).chance >= probability,
         first=counts.index(first) + 1,
         most=len(counts),

@@ -28,9 +28,9 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
-from vision_slam.agreement.steps import align_heading
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry
+from vision_slam.places.relocalization import align_heading
 
 STRETCH_M = 5.0
 APART_M, FAR_APART_M = 60.0, 300.0

@@ -32,7 +32,6 @@ from vision_slam.motion import gyro_residual_rad
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import OnboardOdometry, joined
 from vision_slam.odometry.visual_slam import FramePose
-from vision_slam.pipeline import image_config
 
 _SURVEYED_DEG = 1.0
 """Standard deviation of the heading at the start [deg]."""
@@ -62,7 +61,7 @@ class OnboardComputer:
     def __init__(self, start: Start, config: LocalizationConfig, antenna_height_m: float, seed: int) -> None:
         self._antenna = np.array([0.0, 0.0, antenna_height_m])
         at_start = {"heading_sigma_deg": max(config.heading_sigma_deg, _SURVEYED_DEG)}
-        assumed = image_config(config).model_copy(update=at_start)
+        assumed = config.with_image_errors().model_copy(update=at_start)
         self._filter = ParticleFilter(assumed, stream(seed, "navigator"), start=start.position)
         self._odometry = OnboardOdometry(start.camera)
         self._fixes: list[tuple[float, FloatArray]] = []

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from live.link import LinkAddress, Vehicle
-from live.mission.items import AutopilotMission
-from live.mission.vehicle_mission import upload
-from live.watch.log import entered, heading_of, legs_as_lists, line_of, replayed
+from live.mission_items import AutopilotMission
+from live.mission_transfer import upload
+from live.watch.log import entered, legs_as_lists, line_of, replayed, watch_header
 from live.watch.samples import TelemetryReader, buffered_entries, telemetry_entries
 from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
@@ -44,7 +44,7 @@ def test_the_survey_is_driven_swath_by_swath_until_it_is_stopped(start_rover, tm
     address = LinkAddress.parsed(rover.url)
     config = AdaptiveConfig(0.6, 0.9, noise_m=0.05, sample_step_m=4.0)
     watch = SurveyWatch(AREA, config, first_legs(), every_m=1e9)
-    log, legs = [line_of(heading_of(watch))], watch.legs.copy()
+    log, legs = [line_of(watch_header(watch))], watch.legs.copy()
     while legs:
         route = Route(tuple(legs), CRS, "adaptive")
         upload(AutopilotMission.of_route(route, Surroundings(AREA)), address, patience_s=60.0, starts=True)

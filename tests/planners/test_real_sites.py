@@ -10,9 +10,10 @@ from pyproj import CRS
 from shapely import LineString
 
 from planners.routes.fleet import share
+from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
-from planners.routes.traversability import RoverLimits, drivable
+from planners.routes.traversability import drivable
 from planners.swaths.decomposition import swaths_on, unswept
 from planners.swaths.heading import heading_by
 from survey.core.errors import InputError

@@ -5,7 +5,8 @@ import pytest
 
 from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import rotations
-from vision_slam.drive_estimate import DriveEstimate, compare_from_start
+from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.evaluation import compare_from_start
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometry
 

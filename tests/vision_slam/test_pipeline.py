@@ -18,12 +18,12 @@ from survey.data.sensors.odometry import Odometry, Sightings
 from survey.data.sensors.records import GpsFixes
 from tests.vision_slam.conftest import PlaneWorld
 from vision_slam import LocalizationConfig, localize
-from vision_slam.agreement.steps import align_heading
+from vision_slam.agreement.drive import measure_motion
 from vision_slam.attitude import rotations
 from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.pipeline import measure_motion
+from vision_slam.places.relocalization import align_heading
 from vision_slam.readers.folders import read_sequence
 from vision_slam.recordings import open_recording
 

@@ -5,7 +5,6 @@ import pytest
 
 from survey.core.errors import ConfigError
 from vision_slam.config import LocalizationConfig
-from vision_slam.pipeline import image_config
 from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -23,6 +22,6 @@ def test_an_unknown_section_is_refused_with_those_that_exist() -> None:
 
 
 def test_a_lens_of_unknown_distortion_widens_the_error_of_scale_for_longer() -> None:
-    usual, widened = image_config(LocalizationConfig()), image_config(LocalizationConfig(), 0.25)
+    usual, widened = LocalizationConfig().with_image_errors(), LocalizationConfig().with_image_errors(0.25)
     assert widened.scale_wander_sigma == pytest.approx(np.hypot(usual.scale_wander_sigma, 0.25))
     assert widened.scale_wander_m > usual.scale_wander_m

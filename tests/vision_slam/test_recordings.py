@@ -14,7 +14,7 @@ from survey.data.trajectory import Trajectory
 from vision_slam.recorded_drive import RecordedDrive
 from vision_slam.recordings import open_recording
 from vision_slam.results import (
-    pictures_of,
+    draw_localization,
     refuse_without_rerun,
     write_localization,
     write_pictures,
@@ -84,7 +84,7 @@ def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
     out = tmp_path / "out"
     out.mkdir()
     write_localization(out, localized)
-    write_pictures(out, pictures_of(localized, drive.records, drive.gps, compared))
+    write_pictures(out, draw_localization(localized, drive.records, drive.gps, compared))
     names = {file.name for file in out.iterdir()}
     assert {"trajectory.tum", "track.gpkg", "landmarks.gpkg", "health.csv"} <= names
     assert {"map.png", "tracks.png", "errors.png"} <= names
@@ -153,11 +153,11 @@ def test_the_viewers_file_holds_the_drive(drive: RecordedDrive, tmp_path: Path) 
 
 def _first_images(drive: RecordedDrive, place: Path, n: int) -> Path:
     place.mkdir()
-    assert drive.camera is not None
-    assert drive.frames is not None
-    drive.camera.write(place / "camera.toml")
+    assert drive.records.camera is not None
+    assert drive.records.frames is not None
+    drive.records.camera.write(place / "camera.toml")
     for k in range(n):
-        cv2.imwrite(str(place / f"{drive.frames.time_s[k]:.2f}.png"), drive.frames[k])
+        cv2.imwrite(str(place / f"{drive.records.frames.time_s[k]:.2f}.png"), drive.records.frames[k])
     return place
 
 

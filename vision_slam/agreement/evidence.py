@@ -34,7 +34,8 @@ _LEVELS: dict[str, tuple[float, ...]] = {
 _WANDER_M = 20.0
 # Log likelihood that another correlation length must gain: few records tell two that are alike.
 _OTHER_LENGTH_GAIN = 2.0
-# Log likelihood that a wider error must gain, also for each fix of a long drive.
+# Log likelihood that a wider error must gain, and that for each fix of a long drive: what assumed errors misjudge grows
+# with the drive.
 CONVINCING, MISFIT = 10.0, 0.02
 _ROUNDS = 3
 # Memories of the receiver that are tried, over the assumed one, and the log likelihood that one must gain.

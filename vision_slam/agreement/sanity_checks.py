@@ -10,6 +10,7 @@ from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import GpsFixes
+from vision_slam.agreement.evidence import CONVINCING, MISFIT
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import log_evidence
 
@@ -22,7 +23,6 @@ _REFUTED_SIGMAS = 5.0
 _OUTLYING_M = 2.0
 _LAGS_S = np.arange(0.5, 4.01, 0.5)
 _LONGEST_SHARE, _LEAST_FIXES = 0.25, 3  # of the drive; fewer fixes cannot show a delay
-_CONVINCING, _MISFIT = 10.0, 0.02  # the latter a fix: what assumed errors misjudge grows with the drive
 # Steps of five images of which the two in the middle are swapped, in steps at constant velocity, and their tolerance.
 _SWAPPED_STEPS, _STEP_TOLERANCE = np.array([1.0, 2.0, -1.0, 2.0, 1.0]), 0.3
 _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
@@ -72,8 +72,7 @@ def check_start_by_fixes(
         return recording, config
     begun = begun - [0.0, 0.0, recording.antenna_height_m]
     off_m = float(np.hypot(*(begun - recording.start)[:2]))
-    fix_m = np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m)
-    sigma_m = float(np.hypot(fix_m, _reckoned_sigma_m(path, config)))
+    sigma_m = float(np.hypot(config.fix_sigma_m, _reckoned_sigma_m(path, config)))
     if off_m < _REFUTED_SIGMAS * sigma_m + 3.0 * config.start_sigma_m:
         return recording, config
     logger.warning(
@@ -100,7 +99,7 @@ def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: Localiza
     if shifts is None:
         return 0.0
     delay_s, gain = max((shifts.best(sign) for sign in (1.0, -1.0)), key=lambda found: found[1])
-    convincing = max(_CONVINCING, _MISFIT * len(recording.gps))
+    convincing = max(CONVINCING, MISFIT * len(recording.gps))
     if gain < convincing:
         return 0.0
     late = _with_any_memory(shifts.moved(delay_s), path, config)

@@ -148,7 +148,7 @@ def refuse_other_wheel_scale(
     if _likeness_on_map(pairs) < _SAME_SHAPE:
         return
     factor = _size(pairs.path[:, :2]) / _size(pairs.fixes[:, :2])
-    sigma = _claimed_m(config) * len(pairs.fixes) ** 0.5 / _size(pairs.fixes[:, :2])
+    sigma = config.fix_sigma_m * len(pairs.fixes) ** 0.5 / _size(pairs.fixes[:, :2])
     if abs(np.log(factor)) > max(np.log(_MOST_FACTOR), _SIGMAS * sigma):
         raise InputError(
             f"the path by wheels and images is {factor:.2f} times as long as that of the fixes, where 1 was expected; check "
@@ -180,11 +180,6 @@ def tilt_note(path: FloatArray, time_s: FloatArray, gps: GpsFixes, config: Local
     return f"{note}; correct it"
 
 
-def _claimed_m(config: LocalizationConfig) -> float:
-    """Return the horizontal standard deviation that is assumed of a fix [m]."""
-    return float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))
-
-
 def _paired(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> _Pairs | None:
     """Return path and fixes within its time, each about its mean; None for fewer than four fixes."""
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
@@ -212,7 +207,7 @@ def _tilt_rad(pairs: _Pairs, config: LocalizationConfig) -> float:
         rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
         return float(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
     rise = np.arcsin(np.clip([left[2, 0], right[0, 2]], -1.0, 1.0))
-    height_m = config.gps_vertical_factor * _claimed_m(config)
+    height_m = config.gps_vertical_factor * config.fix_sigma_m
     least_rad = np.arctan(_SIGMAS * height_m * len(pairs.fixes) ** 0.5 / max(_size(pairs.fixes), 1e-9))
     tilt = float(abs(rise[0] - rise[1]))
     return tilt if tilt > least_rad else 0.0

@@ -1,19 +1,19 @@
 """Steps of the pipeline that bring odometry and fixes into agreement.
 
-Each step takes a `Drive`, a recording with odometry and the results of earlier steps, and returns one; `localize` lists
-their order. The path by dead reckoning and the causal filter of a drive are computed when they are first used. What a step
-changes is stated in a note.
+Each step takes a `Drive`, a recording with odometry and the results of earlier steps, and returns one; `STEPS` is their
+order. What a step changes is stated in a note.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.data.recording import OdometryRecording, Recording
+from survey.core.arrays import BoolArray
+from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import GpsFixes
+from vision_slam.agreement.drive import MANY_REFUSED, Drive
 from vision_slam.agreement.evidence import (
     Agreement,
     agrees_better_delayed,
@@ -25,85 +25,14 @@ from vision_slam.agreement.evidence import (
 )
 from vision_slam.agreement.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
 from vision_slam.agreement.scale import fit_scale, refuse_other_wheel_scale, scale_visual_odometry, tilt_note
-from vision_slam.attitude import heading_correction
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
-from vision_slam.fusion.smoother import SmoothedPath
-from vision_slam.motion import dead_reckoning
-from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.places.relocalization import relocalize_segments, segment_starts
-
-_MANY_REFUSED = 3
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Recording with odometry, and everything the steps of the pipeline pass on.
-
-    ``visual`` is None where the odometry was processed elsewhere; ``used`` (M,) are the fixes to use
-    where these are others than the filter accepted; ``undelayed`` is the drive with the fixes at their recorded
-    times, where a delay was corrected; ``follows_fixes`` whether lines between the fixes have replaced the odometry.
-    """
-
-    recording: OdometryRecording
-    config: LocalizationConfig
-    visual: VisualOdometry | None = None
-    notes: tuple[str, ...] = ()
-    used: BoolArray | None = None
-    undelayed: "Drive | None" = None
-    follows_fixes: bool = False
-
-    @cached_property
-    def path(self) -> FloatArray:
-        """Dead-reckoned positions (N, 3) [m]."""
-        return dead_reckoning(self.recording.odometry, self.recording.start)
-
-    @cached_property
-    def online(self) -> OnlinePath:
-        """Causal estimate of the particle filter."""
-        return filter_path(self.recording, self.path, self.config)
-
-    @property
-    def used_fixes(self) -> BoolArray:
-        """Whether each fix is used (M,): those that the filter accepted, unless others were chosen."""
-        return self.online.accepted if self.used is None else self.used
-
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether the odometry has gaps that no sensor bridges."""
-        return self.visual is not None and len(segment_starts(self.recording, self.visual)) > 0
-
-    @property
-    def is_contradicted(self) -> BoolArray:
-        """Whether fixes contradict each pose (N,) and none agrees with the path any more until the end."""
-        time_s, fix_s = self.recording.odometry.time_s, self.recording.gps.time_s
-        used_s = fix_s[self.used_fixes]
-        if len(used_s) == 0:
-            return np.zeros(len(time_s), dtype=np.bool_)
-        refused_s = fix_s[(fix_s > used_s[-1]) & (fix_s <= time_s[-1])]
-        return time_s >= (refused_s[0] if len(refused_s) >= _MANY_REFUSED else np.inf)
-
-    def noted(self, note: str) -> "Drive":
-        """Return the drive with one more note."""
-        return replace(self, notes=(*self.notes, note))
-
-
-def align_heading(recording: Recording, visual: VisualOdometry) -> tuple[OdometryRecording, VisualOdometry]:
-    """Rotate visual odometry to the heading of the fixes; place the segments of an interrupted one."""
-    if len(segment_starts(recording, visual)):
-        visual = relocalize_segments(recording, visual)
-    else:
-        odometry = visual.odometry
-        path = dead_reckoning(odometry, recording.start)
-        turn_rad = heading_correction(path, odometry.time_s, recording.gps)
-        attitude_rad = odometry.attitude_rad + [0.0, 0.0, turn_rad]
-        visual = replace(visual, odometry=replace(odometry, attitude_rad=attitude_rad))
-    return recording.with_odometry(visual.odometry, visual.sightings), visual
-
+from vision_slam.fusion.online import gate_fixes, select_fixes
+from vision_slam.fusion.smoother import SmoothedPath, smooth
+from vision_slam.motion import GAP_S, dead_reckoning
+from vision_slam.places.loop_closures import detect_loop_closures
+from vision_slam.places.relocalization import align_heading
 
 _CLOCK_SIGMAS = 2.0
-# Steps of the odometry that take longer have no pose for the fixes within [s].
-_GAP_S = 1.5
 _FARTHEST_M = 1e5  # farther than a rover drives in one recording
 
 
@@ -154,7 +83,7 @@ def _gaps(odometry: Odometry) -> BoolArray:
     """Return which steps (N - 1,) of the odometry are unmeasured and too long for the fixes within."""
     if odometry.step_sigma_m is None:
         return np.zeros(len(odometry.step), dtype=np.bool_)
-    return (odometry.step_sigma_m > 0.0) & (np.diff(odometry.time_s) > _GAP_S)
+    return (odometry.step_sigma_m > 0.0) & (np.diff(odometry.time_s) > GAP_S)
 
 
 def _of_longest_run(odometry: Odometry, gps: GpsFixes) -> GpsFixes:
@@ -227,7 +156,7 @@ def correct_delay(drive: Drive) -> Drive:
     delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, one_clock)
     if abs(delay_s) > least_s and agrees_better_delayed(drive.recording, drive.path, one_clock, delay_s):
         return _shifted(drive, delay_s)
-    if drive.online.n_refused < _MANY_REFUSED:
+    if drive.online.n_refused < MANY_REFUSED:
         return drive
     delay_s = fix_delay_s(drive.recording, drive.path, one_clock)
     if abs(delay_s) <= least_s or not agrees_better_delayed(drive.recording, drive.path, one_clock, delay_s):
@@ -294,8 +223,7 @@ def note_delay(drive: Drive, path: SmoothedPath) -> Drive:
         )
     time_s, step = drive.recording.odometry.time_s, drive.recording.odometry.step
     speed_m_s = float(np.linalg.norm(step, axis=1).sum() / (time_s[-1] - time_s[0]))
-    claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))
-    if max(abs(path.delay_s), path.delay_sigma_s) * speed_m_s <= 0.5 * claimed_m:
+    if max(abs(path.delay_s), path.delay_sigma_s) * speed_m_s <= 0.5 * drive.config.fix_sigma_m:
         return drive
     return drive.noted(
         f"the offset between the clocks of fixes and images is {path.delay_s:.2f} ± {path.delay_sigma_s:.2f} s, "
@@ -306,7 +234,7 @@ def note_delay(drive: Drive, path: SmoothedPath) -> Drive:
 
 def drop_refused_fixes(drive: Drive) -> Drive:
     """Remove the fixes that contradict the odometry and all other fixes."""
-    return replace(drive, recording=select_fixes(drive.recording, drive.used_fixes))
+    return replace(drive, recording=select_fixes(drive.recording, drive.used_fixes), used=None, ungated=drive)
 
 
 def fit_memory(drive: Drive) -> Drive:
@@ -326,3 +254,39 @@ def fit_turn_errors(drive: Drive) -> Drive:
         return drive
     smaller_m = fitted_turn_sigma_m(drive.recording, drive.path, drive.config)
     return replace(drive, config=drive.config.model_copy(update={"turn_sigma_m": smaller_m}))
+
+
+def add_loop_closures(drive: Drive) -> Drive:
+    """Add the loop closures of the images, unless the recording has loop closures."""
+    return replace(drive, recording=with_loop_closures(drive.recording, drive.config))
+
+
+def with_loop_closures(recording: OdometryRecording, config: LocalizationConfig) -> OdometryRecording:
+    """Return the recording with the loop closures of its images, unless it has some."""
+    if recording.frames is None or recording.loop_closures is not None:
+        return recording
+    path = smooth(recording, dead_reckoning(recording.odometry, recording.start), config)
+    sigma_m = np.sqrt(np.linalg.eigvalsh(path.covariance[:, :2, :2])[:, -1])
+    return replace(recording, loop_closures=detect_loop_closures(recording, path.position, sigma_m))
+
+
+STEPS: tuple[Callable[[Drive], Drive], ...] = (
+    drop_far_fixes,
+    drop_repeated_fixes,
+    drop_fixes_in_gaps,
+    check_shape,
+    scale_to_fixes,
+    check_start,
+    align_drive,
+    correct_delay,
+    widen_errors,
+    drop_refused_fixes,
+    fit_memory,
+    fit_turn_errors,
+    add_loop_closures,
+)
+"""From measured motion to what the batch smoother takes.
+
+Far and repeated fixes are removed before anything is fitted to fixes. The scale is fitted before start and heading, and
+these before the delay, whose evidence takes the path as aligned. Memory and turn errors are fitted to the fixes that remain.
+"""

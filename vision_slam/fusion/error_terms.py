@@ -119,7 +119,7 @@ class Nodes:
     def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,).
 
-        What was read before the first pose or after the last says nothing of the path.
+        Readings before the first pose or after the last are no measurements of the path.
         """
         first_s, last_s = self.odometry.time_s[[0, -1]]
         inside = (time_s >= first_s - _BESIDE_S) & (time_s <= last_s + _BESIDE_S)
@@ -146,7 +146,6 @@ _EXACT_SCALE = 1e-5
 _KNOWN_DEG, _ANY_DEG = 1.0, 180.0
 # Wheels and odometry that differ by more standard deviations than this are both given larger errors there.
 _DOUBTED = 3.0
-# Readings this long before the first pose or after the last still count as of it: rovers rest there.
 
 
 def add_terms(
@@ -424,7 +423,7 @@ def _scatter(readings: FloatArray, mean: FloatArray, count: FloatArray) -> float
 def differenced_fixes(
     recording: Recording, config: LocalizationConfig
 ) -> tuple[FloatArray, LocalizationConfig]:
-    """Return the fixes (N, 3), less what a base station at the start says of the errors that both receivers have.
+    """Return the fixes (N, 3), less the errors that both receivers have, as measured by a base station at the start.
 
     The second is what is then to be assumed of them.
     """
@@ -463,6 +462,6 @@ def stated_errors(gps: GpsFixes, config: LocalizationConfig) -> FloatArray:
     """Return the errors of fixes (N,) over those that the configuration assumes; 1 where the receiver states none."""
     if gps.sigma_m is None:
         return np.ones(len(gps))
-    assumed_m = float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))
+    assumed_m = config.fix_sigma_m
     ratio: FloatArray = gps.sigma_m / assumed_m
     return ratio

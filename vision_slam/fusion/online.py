@@ -217,8 +217,8 @@ class _Walk:
             travel = np.interp(moments_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m))
             rolled = np.diff(travel, prepend=travel[:1])
             # Tracks spin when they set off.
-            is_told = (moments_s <= wheels.time_s[-1] + 1.0) & (travel - travel[0] > _SET_OFF_M)
-            self._rolled = np.where(is_told, rolled, np.nan)
+            is_reported = (moments_s <= wheels.time_s[-1] + 1.0) & (travel - travel[0] > _SET_OFF_M)
+            self._rolled = np.where(is_reported, rolled, np.nan)
 
     def on(self, k: int, filtered: ParticleFilter) -> None:
         """Predict the filter to the k-th record."""

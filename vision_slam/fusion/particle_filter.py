@@ -39,7 +39,7 @@ _BENT_RAD = np.radians(0.3)
 # Wheels that differ from the odometry by more standard deviations than this spin.
 _SPINS = 4.0
 _TICK_M = 1e-3
-# Log weight below the best at which a hypothesis has no say any more.
+# Hypotheses whose log weight is farther below the best than this do not count at the gate.
 _COUNTS = 7.0
 _ANY_RAD = np.radians(30.0)
 

@@ -48,7 +48,8 @@ from survey.data.path_error import POSE, PathError, motion_rows
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.surface_points import SurfacePoints
-from vision_slam.attitude import rotations
+from survey.data.trajectory import Trajectory
+from vision_slam.attitude import quaternions, rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.error_terms import Nodes, add_terms
 from vision_slam.fusion.normal_equations import (
@@ -106,6 +107,17 @@ class SmoothedPath:
     delay_s: float = 0.0
     delay_sigma_s: float = 0.0
     ice_motion: IceMotion | None = None
+
+    def trajectory(self, recording: OdometryRecording) -> Trajectory:
+        """Return the poses as a trajectory."""
+        return Trajectory(
+            recording.odometry.time_s,
+            self.position,
+            quaternions(self.attitude_rad),
+            self.covariance[:, :3, :3],
+            recording.crs,
+            error=self.error,
+        )
 
 
 def smooth(

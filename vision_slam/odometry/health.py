@@ -200,21 +200,21 @@ class WheelSlipDetector:
 
         Without a travel by images, spin is not detected.
         """
-        told_m = self.scale * rolled_m
+        wheel_m = self.scale * rolled_m
         if seen_m is None:
             self._n_seen, self.is_slipping = 0, False
         if seen_m is None or rolled_m < _LEAST_ROLLED_M:
-            return told_m
+            return wheel_m
         self._n_seen += 1
         seen_m = max(seen_m, _LEAST_TRAVEL_M)
-        ratio = float(np.log(seen_m / told_m)) + self._size
+        ratio = float(np.log(seen_m / wheel_m)) + self._size
         is_new = self._n_seen > _SETTLED and ratio < self._usual_ratio - _SLIPPING
         self.is_slipping = ratio < -_SLIPPING and (self.is_slipping or is_new)
         if self.is_slipping:
-            self._slid = min(seen_m / told_m, 1.0)
+            self._slid = min(seen_m / wheel_m, 1.0)
             return seen_m * float(np.exp(_weight_of_newest(seen_m, _MEMORY_M) * self._size))
         self._usual_ratio += _weight_of_newest(rolled_m, _RATIO_MEMORY_M) * (ratio - self._usual_ratio)
-        return told_m
+        return wheel_m
 
     def observe(self, points: FloatArray, travel_m: float) -> None:
         """Take ground points (N, 3) in the body frame, and the travel since the last ones [m]."""

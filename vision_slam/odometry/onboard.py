@@ -57,7 +57,7 @@ class OnboardOdometry:
         self._inertial = list[Inertial]()
         self._waiting: deque[tuple[float, Image]] = deque()
         self._odometer: VisualOdometer | None = None
-        self._at_s, self._n_told = 0.0, 0
+        self._at_s, self._n_reported = 0.0, 0
 
     def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
         """Add the readings since the last call."""
@@ -82,8 +82,8 @@ class OnboardOdometry:
         if self._odometer is None:
             return []
         slam = self._odometer.slam
-        fresh = slam.frames[self._n_told :]
-        self._n_told = len(slam.frames)
+        fresh = slam.frames[self._n_reported :]
+        self._n_reported = len(slam.frames)
         return [(frame, slam.pose(frame)) for frame in fresh]
 
     def finished(self) -> VisualOdometry | None:

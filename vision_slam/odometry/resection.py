@@ -17,7 +17,7 @@ from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.data.camera import Camera
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
-from vision_slam.motion import RelativeMotion
+from vision_slam.motion import GAP_S, RelativeMotion
 
 
 def resect(
@@ -150,7 +150,6 @@ _LEAST_AGREE, _MOST_SIGMA_M = 15, 0.1
 # Over a metre or two, most in a turn, a map is as large as the wheels have it; what is level beyond is not quite straight.
 _MAP_SCALE, _MAP_TURN_RAD = 0.04, np.radians(0.02)
 _N_DRAWS, _SURE = 1000, 0.9999
-_GAP_S = 1.5
 _BRIDGED, _STILL_M = 0.05, 0.005
 _ASIDE_M = 0.5
 _MOST_TRIES = 20
@@ -235,7 +234,7 @@ class ViewRecognizer:
         self._way_m += abs(motion.travel_m or 0.0)
         self._seconds += motion.seconds
         self._bias_rad += motion.bias_sigma_rad_s * motion.seconds
-        self._had_gap |= motion.seconds > _GAP_S or motion.travel_m is None or motion.rotation is None
+        self._had_gap |= motion.seconds > GAP_S or motion.travel_m is None or motion.rotation is None
 
     def recognize(self, image: Image, predicted: FloatArray, poses: list[FloatArray]) -> Recognition | None:
         """Estimate the pose of the body at an enhanced image near the newest view; None if the match is weak.

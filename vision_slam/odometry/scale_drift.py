@@ -19,10 +19,11 @@ from survey.data.sensors.records import Wheels
 from vision_slam.odometry.health import FrameHealth
 
 # Relative errors over one metre: of scale drift, of the scale by wheels, and of that by the height of the camera.
-_CREEP, _ROLLED, _GROUND = 0.01, 0.015, 0.02
+_DRIFT_SIGMA, _ROLLED_SIGMA, _GROUND_SIGMA = 0.01, 0.015, 0.02
 # Relative errors that stay: of the wheels, and of the height that the ground makes the camera have.
 _WHEELS_SIGMA, _HEIGHT_SIGMA = 0.03, 0.005
-_ANY, _MOST = 1.0, 0.06
+# The first scale is unknown. A scale error of the wheels beyond this is that of the mounting of the camera.
+_FIRST_SIGMA, _MOST_WHEEL_SCALE = 1.0, 0.06
 _DOUBTED, _ROUNDS = 3.0, 8
 _LEAST_ROLLED_M, _LEAST_TRAVEL_M, _LEAST_STOOD_M = 0.02, 1e-3, 10.0
 # The ground that a body stands on, in heights of its camera; what keyframes saw that are further off has drifted.
@@ -77,13 +78,13 @@ def scale_corrections(poses: FloatArray, rolled_m: FloatArray, ground: FloatArra
     )
     ratio = np.log(rolled[straight] / seen[straight])
     value = np.concatenate([np.zeros(n - 1), ratio, ground[1:][stands], np.zeros(3)])
-    creep = _CREEP * np.sqrt(0.5 * (seen[1:] + seen[:-1]))
-    noise = [_ROLLED / np.sqrt(seen[straight]), _GROUND / np.sqrt(seen[stands])]
-    sigma = np.concatenate([creep, *noise, [_ANY, _WHEELS_SIGMA, _HEIGHT_SIGMA]])
+    creep = _DRIFT_SIGMA * np.sqrt(0.5 * (seen[1:] + seen[:-1]))
+    noise = [_ROLLED_SIGMA / np.sqrt(seen[straight]), _GROUND_SIGMA / np.sqrt(seen[stands])]
+    sigma = np.concatenate([creep, *noise, [_FIRST_SIGMA, _WHEELS_SIGMA, _HEIGHT_SIGMA]])
     may_lie = np.arange(len(value)) >= n - 1
     may_lie[-3:] = False
     found = _most_likely(design, value, sigma, may_lie)
-    too_large = found[:n] - found[n] + np.clip(found[n], -_MOST, _MOST)
+    too_large = found[:n] - found[n] + np.clip(found[n], -_MOST_WHEEL_SCALE, _MOST_WHEEL_SCALE)
     factor: FloatArray = np.exp(-np.r_[too_large, too_large[-1]])
     return factor
 
@@ -154,7 +155,7 @@ _TOO_LONG = 0.15
 # Wheels that contradict more of the drive than this are wrong themselves.
 _MOST_OF_DRIVE = 0.2
 # So many landmarks within so many heights of the camera show how large the map is.
-_NEAR, _LEAST_NEAR = 4.0, 4
+_NEAR_HEIGHTS, _LEAST_NEAR = 4.0, 4
 # At least this share of the excess must show in the depth of the ground; an excess above the other needs no ground.
 _CONFIRMED, _CERTAIN = 0.5, 0.25
 # Wheels spin when a rover sets off, for so many metres of its map.
@@ -278,7 +279,7 @@ def _ground_confirms(sightings: Sightings, steps: IntArray, excess: float, heigh
     Where too little of it was seen, a large excess is enough.
     """
     seen = (sightings.pose >= steps[0]) & (sightings.pose <= steps[-1] + 1)
-    near = seen & (np.hypot(*sightings.offset[:, :2].T) < _NEAR * height_m * np.exp(excess))
+    near = seen & (np.hypot(*sightings.offset[:, :2].T) < _NEAR_HEIGHTS * height_m * np.exp(excess))
     if near.sum() < _LEAST_NEAR:
         return excess > _CERTAIN
     depth = -float(np.median(sightings.offset[near, 2]))

@@ -17,11 +17,13 @@ from survey.core.errors import InputError
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 
-_SHARES = np.linspace(0.05, 0.95, 19)
-_CLIPPED = (4, 250)  # levels beyond are black or white, whatever the exposure
-_STEP = np.log(1.15)
-_USUAL = np.log(1.05)
-_MOST = np.log(4.0)
+_QUANTILES = np.linspace(0.05, 0.95, 19)
+_UNCLIPPED_LEVELS = (4, 250)  # levels beyond are black or white, whatever the exposure
+# Steps of exposure that are compensated; smaller changes of brightness are those of the scene. A sum of steps that is no
+# gain within the tolerance is reset, so that rounding does not add up.
+_LEAST_LOG_STEP = np.log(1.15)
+_LOG_TOLERANCE = np.log(1.05)
+_MOST_LOG_GAIN = np.log(4.0)
 
 
 class ContrastEnhancer:
@@ -68,20 +70,20 @@ class ExposureCompensation:
 
     def compensated(self, grey: Image) -> Image:
         """Return the next image as it would be with the exposure of the first."""
-        levels = np.quantile(grey[::4, ::4], _SHARES)
+        levels = np.quantile(grey[::4, ::4], _QUANTILES)
         if self._levels is not None:
             self._step(levels, self._levels)
         self._levels = levels
-        gain = float(np.exp(np.clip(self._log_gain, -_MOST, _MOST)))
+        gain = float(np.exp(np.clip(self._log_gain, -_MOST_LOG_GAIN, _MOST_LOG_GAIN)))
         return grey if gain == 1.0 else np.asarray(cv2.convertScaleAbs(grey, alpha=gain), dtype=np.uint8)
 
     def _step(self, now: FloatArray, before: FloatArray) -> None:
         lowest, highest = np.minimum(now, before), np.maximum(now, before)
-        unclipped = (lowest > _CLIPPED[0]) & (highest < _CLIPPED[1])
+        unclipped = (lowest > _UNCLIPPED_LEVELS[0]) & (highest < _UNCLIPPED_LEVELS[1])
         growth = float(np.median(np.log(now[unclipped] / before[unclipped]))) if unclipped.any() else 0.0
-        if abs(growth) > _STEP:
+        if abs(growth) > _LEAST_LOG_STEP:
             self._log_gain -= growth
-            self._log_gain = 0.0 if abs(self._log_gain) < _USUAL else self._log_gain
+            self._log_gain = 0.0 if abs(self._log_gain) < _LOG_TOLERANCE else self._log_gain
 
 
 def grey_of(image: Image, width: int, height: int) -> Image:

@@ -19,19 +19,18 @@ from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import rotations
 from vision_slam.odometry.tracks import grey_of
 
-_STEP_M = 0.025
-_HALF_M = 3.0
-_NEAREST_M, _FARTHEST_M = (
-    0.75,
-    2.3,
-)  # nearer lies the rover's own shadow, farther a bump hides what is behind it
-_FRAME_SPACING_M = 0.35
+_STEP_M = 0.025  # side of a pixel of a mosaic
+_HALF_M = 3.0  # of a mosaic's side
+# Nearer lies the rover's own shadow, farther a bump hides what is behind it.
+_NEAREST_M, _FARTHEST_M = 0.75, 2.3
+_FRAME_SPACING_M = 0.35  # of travel, between the images that a mosaic is made of
 _BEHIND_M = _HALF_M + _FARTHEST_M
 _SURFACE_M = 3.5
 _LEAST_LANDMARKS = 12
-_RELIEF_M = 0.03
+_RELIEF_M = 0.03  # height of the landmarks above and below the surface that is fitted to them
 _LEAST_WEIGHT = 0.02
 _N_FEATURES = 800
+# Brightness that changes over more than the first width is that of light and slopes; the contrast is made even over the second.
 _WIDE_M, _CONTRAST_M = 0.5, 0.7
 
 ViewDescriptors = npt.NDArray[np.float32]
@@ -198,9 +197,9 @@ def _even(grey: FloatArray, is_seen: BoolArray) -> Image:
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), 1.0), dtype=np.uint8)
 
 
-_RATIO = 0.9
+_RATIO = 0.9  # Lowe's ratio test: distance to the best match over that to the second
 _AGREE_M = 0.10
-_BASE_M = 0.6
+_BASE_M = 0.6  # between the two matches of a guess: nearer ones leave the rotation open
 _N_GUESSES = 1500
 _LEAST_MATCHES = 12
 

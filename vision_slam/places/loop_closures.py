@@ -30,8 +30,11 @@ from vision_slam.places.ground_view import GroundMosaics, Overlay, match_overlay
 
 KEY_SPACING_M = 1.0
 SIGMAS = 3.0
+# Views this near to one another are compared even where the paths are exact; mosaics 6 m wide share no ground beyond that.
 _REACH_M, _WIDEST_M = 1.5, 6.0
-_MEETING_M = 4.0
+_MEETING_M = (
+    4.0  # overlays nearer to one another along both paths are of one meeting, of which the best is kept
+)
 _LEAST_AGREE = 25
 _N_VIEWS = 64
 # These, and the least number that agree, were chosen on drives over ground that is known.
@@ -106,7 +109,7 @@ def overlay_variance(overlay: Overlay) -> FloatArray:
     return np.array([level, level, _UP_SIGMA_M**2 + _UP_SIGMA_PER_FEATURE_M**2 / overlay.n_agree])
 
 
-_LEAST_LOOP_M = 12.0
+_LEAST_LOOP_M = 12.0  # of travel between the two views: shorter ones are tracked by odometry
 
 
 def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatArray) -> LoopClosures | None:

@@ -1,4 +1,6 @@
-"""Relocalization of odometry segments after a gap that no sensor bridges.
+"""Alignment of visual odometry with the fixes, and relocalization of segments after a gap that no sensor bridges.
+
+`align_heading` rotates odometry without gaps to the heading of the fixes.
 
 Wheels and gyro bridge a loss of vision. Where they have a gap too, because the rover was
 carried or switched off, the odometry is interrupted: the segment after the gap has the right
@@ -14,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording, Recording
 from survey.data.sensors.odometry import Odometry
 from vision_slam.attitude import heading_correction, rotations
 from vision_slam.motion import dead_reckoning
@@ -22,10 +24,10 @@ from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.ground_view import GroundMosaics, Overlay, match_overlay
 from vision_slam.readers.sequence import VisionRecords
 
-_HOLE_S = 1.5
+_HOLE_S = 1.5  # longer gaps of images that wheels and gyro do not bridge interrupt the odometry
 _FORGOTTEN_S = 5.0
-_FREE_M, _FREE_RAD = 300.0, np.pi
-_FIX_M = 2.0
+_FREE_M, _FREE_RAD = 300.0, np.pi  # errors of the step and turn over a gap, which nothing measured
+_FIX_M = 2.0  # error of fixes; over their extent it is the error of the heading
 _LEAST_FIXES = 5
 _LONG_ENOUGH_M = 10.0
 _LEAST_AGREE = 40
@@ -52,6 +54,19 @@ def segment_starts(recording: VisionRecords, visual: VisualOdometry) -> IntArray
         if hole > _HOLE_S and (is_too_long or not health.is_visual):
             starts.append(k)
     return np.array(starts, dtype=np.int64)
+
+
+def align_heading(recording: Recording, visual: VisualOdometry) -> tuple[OdometryRecording, VisualOdometry]:
+    """Rotate visual odometry to the heading of the fixes; place the segments of an interrupted one."""
+    if len(segment_starts(recording, visual)):
+        visual = relocalize_segments(recording, visual)
+    else:
+        odometry = visual.odometry
+        path = dead_reckoning(odometry, recording.start)
+        turn_rad = heading_correction(path, odometry.time_s, recording.gps)
+        attitude_rad = odometry.attitude_rad + [0.0, 0.0, turn_rad]
+        visual = replace(visual, odometry=replace(odometry, attitude_rad=attitude_rad))
+    return recording.with_odometry(visual.odometry, visual.sightings), visual
 
 
 def relocalize_segments(recording: Recording, visual: VisualOdometry) -> VisualOdometry:

@@ -23,7 +23,8 @@ from survey.data.camera import Camera
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial, Wheels
 from survey.interchange.bags import opened_bag
-from vision_slam.readers.images import FORWARD, bits_used, decoded, eight_bits, scaling_note
+from vision_slam.readers.calibrations import FORWARD
+from vision_slam.readers.images import bits_used, decoded, eight_bits, scaling_note
 from vision_slam.readers.sequence import GpsLog, ImageSequence
 
 if TYPE_CHECKING:

@@ -9,8 +9,10 @@ import yaml
 
 from survey.core.errors import InputError
 from survey.data.camera import Camera
-from vision_slam.readers.images import FORWARD, read_text
+from vision_slam.readers.images import read_text
 
+# Where x right, y down, z forward lie on a body with x forward, y left, z up.
+FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _FISHEYE = {"equidistant", "fisheye", "kannalabrandt8"}
 _PINHOLE = {"plumb_bob", "radtan", "radial-tangential", "rational_polynomial", "pinhole", "none", ""}
 
@@ -48,6 +50,16 @@ def read_calibration(path: str | Path) -> tuple[Camera, tuple[str, ...]]:
         raise InputError(f"{file} is no complete calibration ({error!r}); export it again.") from error
     note = f"{file.name}: the camera is taken to look straight ahead; its place on the body is not read from YAML"
     return camera, (note,)
+
+
+def calibrated_camera(place: Path) -> Camera:
+    """Read the calibration beside the images of a folder."""
+    if not (place / "camera.toml").is_file():
+        raise InputError(
+            f"{place} holds images and no camera.toml; calibrate the camera (firnline calibrate) and put it there, or name "
+            "it with --camera."
+        )
+    return Camera.read(place / "camera.toml")
 
 
 def _parsed(file: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Image sequences in the layouts of KITTI odometry, raw KITTI and EuRoC, and reference poses.
+"""Image sequences in the layouts of KITTI odometry, raw KITTI, EuRoC and TUM, and reference poses.
 
 Each function reads images, times, calibration and, where the layout has them, reference poses. Rectified KITTI images have
 an assumed distortion of zero. EuRoC poses are those of the inertial unit; one that does not look ahead is rotated to the
@@ -21,8 +21,8 @@ from survey.core.files import existing_file
 from survey.data.camera import Camera
 from survey.data.sensors.records import Inertial
 from survey.io.trajectory_files import read_tum
+from vision_slam.readers.calibrations import FORWARD, calibrated_camera
 from vision_slam.readers.images import (
-    FORWARD,
     assemble_sequence,
     image_files,
     kitti_poses,
@@ -36,7 +36,7 @@ from vision_slam.readers.images import (
 from vision_slam.readers.sequence import ImageSequence
 
 KITTI_IMAGES = ("image_0", "image_l", "image_2")
-_KITTI_HEIGHT_M = 1.65
+_CAMERA_HEIGHT_M = 1.65  # of KITTI's cameras above the ground
 _KITTI_PERIOD_S = 0.1
 
 
@@ -55,7 +55,7 @@ def read_kitti_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     require_as_many(times, files, place)
     if camera is None:
         mounted = FORWARD.copy()
-        mounted[2, 3] = _KITTI_HEIGHT_M
+        mounted[2, 3] = _CAMERA_HEIGHT_M
         height, width = read_pixels(files[0]).shape[:2]
         matrix = _kitti_matrix(place / "calib.txt")
         camera = Camera(
@@ -83,9 +83,37 @@ def _kitti_matrix(file: Path) -> FloatArray:
     return matrix
 
 
+def read_tum_sequence(place: Path, camera: Camera | None) -> ImageSequence:
+    """Read images by the list ``rgb.txt`` of TUM, and reference poses where there are any."""
+    times, files = [], []
+    for number, line in enumerate(read_text(place / "rgb.txt", "the list of images").splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        words = line.split()
+        try:
+            times.append(float(words[0]))
+            files.append(place / words[1].replace("\\", "/"))
+        except (ValueError, IndexError) as error:
+            raise InputError(
+                f"{place / 'rgb.txt'}, line {number}: {line!r} is no time and file; correct it."
+            ) from error
+    if not files:
+        raise InputError(f"{place / 'rgb.txt'} names no images; get the complete sequence.")
+    require_all_there(files)
+    camera = camera or calibrated_camera(place)
+    reference = None
+    for file in sorted(place.glob("ground*.txt"))[:1]:  # the layout's reference poses
+        rows = read_numbers(file, 8)
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        reference = (
+            rows[:, 0],
+            poses_of(rows[:, 1:4], rows[:, 4:8], file) @ np.linalg.inv(camera.T_body_camera),
+        )
+    return assemble_sequence(camera, np.array(times), files, reference=reference)
+
+
 _RAW_CAMERAS = ("image_00", "image_02")
 _RAW_CALIBRATION = "calib_cam_to_cam.txt"
-_RAW_HEIGHT_M = 1.65
 _LEAST_OXTS = 6  # latitude, longitude, height, roll, pitch, yaw
 
 
@@ -146,7 +174,7 @@ def _raw_camera(place: Path, number: str, first: Path) -> Camera:
         )
     height, width = read_pixels(first).shape[:2]
     mounted = FORWARD.copy()
-    mounted[2, 3] = _RAW_HEIGHT_M
+    mounted[2, 3] = _CAMERA_HEIGHT_M
     is_rectified = _raw_numbers(file, f"S_rect_{number}", 2).astype(int).tolist() == [width, height]
     if is_rectified:
         matrix = _raw_numbers(file, f"P_rect_{number}", 12).reshape(3, 4)[:, :3]

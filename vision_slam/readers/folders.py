@@ -1,8 +1,7 @@
 """Folders of images: recognition of the layout, and plain folders.
 
-`read_sequence` recognizes the layouts of KITTI, EuRoC and TUM by their files, and tables ``frames.csv``; it reads TUM itself, and KITTI
-and EuRoC by `vision_slam.readers.datasets`. `read_images` reads
-plain images: their times are from a list, file names, EXIF or a frame rate, their calibration is from ``camera.toml`` or
+`read_sequence` recognizes the layouts of KITTI, EuRoC and TUM by their files, which `vision_slam.readers.datasets` reads,
+and tables ``frames.csv``. `read_images` reads plain images: their times are from a list, file names, EXIF or a frame rate, their calibration is from ``camera.toml`` or
 EXIF. Videos and raw photographs are refused; the message names the conversion.
 """
 
@@ -17,22 +16,19 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera
 from survey.data.frames import Frames, ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
+from vision_slam.readers.calibrations import FORWARD, calibrated_camera
 from vision_slam.readers.datasets import (
     KITTI_IMAGES,
     raw_camera_folder,
     read_euroc_sequence,
     read_kitti_raw,
     read_kitti_sequence,
+    read_tum_sequence,
 )
 from vision_slam.readers.images import (
-    FORWARD,
     assemble_sequence,
-    calibrated_camera,
     image_files,
-    poses_of,
     read_numbers,
-    read_text,
-    require_all_there,
     require_as_many,
 )
 from vision_slam.readers.photos import (
@@ -92,7 +88,7 @@ def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
     if raw_camera_folder(place) is not None:
         return read_kitti_raw(place, camera)
     if (place / "rgb.txt").is_file():
-        return _read_tum_sequence(place, camera)
+        return read_tum_sequence(place, camera)
     for table in _euroc_tables(place):
         if table.is_file():
             return read_euroc_sequence(table.parent.parent, camera)
@@ -152,34 +148,6 @@ def _refuse_other_times(file: Path, time_s: FloatArray, frame_s: FloatArray) -> 
             f"{file} covers {time_s[0]:.1f} to {time_s[-1]:.1f} s and the images {frame_s[0]:.1f} to {frame_s[-1]:.1f} s; "
             "put both on one clock."
         )
-
-
-def _read_tum_sequence(place: Path, camera: Camera | None) -> ImageSequence:
-    times, files = [], []
-    for number, line in enumerate(read_text(place / "rgb.txt", "the list of images").splitlines(), start=1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        words = line.split()
-        try:
-            times.append(float(words[0]))
-            files.append(place / words[1].replace("\\", "/"))
-        except (ValueError, IndexError) as error:
-            raise InputError(
-                f"{place / 'rgb.txt'}, line {number}: {line!r} is no time and file; correct it."
-            ) from error
-    if not files:
-        raise InputError(f"{place / 'rgb.txt'} names no images; get the complete sequence.")
-    require_all_there(files)
-    camera = camera or calibrated_camera(place)
-    reference = None
-    for file in sorted(place.glob("ground*.txt"))[:1]:  # the layout's reference poses
-        rows = read_numbers(file, 8)
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        reference = (
-            rows[:, 0],
-            poses_of(rows[:, 1:4], rows[:, 4:8], file) @ np.linalg.inv(camera.T_body_camera),
-        )
-    return assemble_sequence(camera, np.array(times), files, reference=reference)
 
 
 _LISTS_OF_TIMES = ("times.txt", "timestamps.txt")

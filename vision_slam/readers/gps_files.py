@@ -32,7 +32,7 @@ from survey.io.tables import read_table
 from survey.io.text_tables import Axis, TextTable, read_text_table, refuse_clock_numbers, refuse_hemispheres
 from survey.io.trajectory_files import read_gpx
 from vision_slam.readers.receiver_logs import SYNC, read_gnss_logger, read_nmea, read_ublox
-from vision_slam.readers.sequence import WGS84, GpsLog, ReceiverFixes, axis_sigma_m, usable
+from vision_slam.readers.sequence import DATED_S, WGS84, GpsLog, ReceiverFixes, axis_sigma_m, usable
 
 _DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 _METRES = ("time_s", "easting_m", "northing_m", "height_m")
@@ -160,8 +160,7 @@ _READERS: dict[str, Callable[[Path], GpsLog]] = {
 
 KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
 # Unix times beyond these count nano-, micro- and milliseconds.
-_TIME_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
-_DATED_S = 1e8
+_UNIX_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 _RADII = ("acc",)  # accuracy, hAcc
 _CLOCK = re.compile(r"\d{1,2}:\d{2}:")
 _DAY_FIRST = re.compile(r"^(\d{2})\.(\d{2})\.(\d{4})\b")
@@ -201,7 +200,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
         place,
         _column_of_sigma_m(table, names, given),
         is_geodetic=is_geodetic,
-        is_dated=bool(time_s[0] > _DATED_S),
+        is_dated=bool(time_s[0] > DATED_S),
         notes=(read.sentence(str(file)).rstrip(".") + unit, *_gps_time_notes(read.columns["time"])),
     )
 
@@ -274,7 +273,7 @@ def _column_of_times(table: TextTable, name: str, date: str | None) -> tuple[Flo
     if table.is_number(name, 0):
         numbers = table.numbers(name)
         refuse_clock_numbers(numbers, f"{table.where}, column {name}")
-        for least, factor, word in _TIME_UNITS:
+        for least, factor, word in _UNIX_UNITS:
             if numbers[0] > least:
                 return factor * numbers, f", times are Unix {word}"
         return numbers, ""

@@ -65,7 +65,7 @@ def images_of(files: Sequence[Path]) -> AnyImages:
     sequence: cameras of 10, 12 or 14 bits write them into the lower ones of 16.
     """
     for file in files:
-        refuse_cut_off(file)
+        refuse_cut_off_image(file)
     sample = np.unique(np.linspace(0, len(files) - 1, _N_SAMPLED_IMAGES).astype(int)).tolist()
     is_deep = bool(read_pixels(files[0]).dtype == np.uint16)
     sampled = [_of_depth(files[index], is_deep) for index in sample]
@@ -137,7 +137,7 @@ def eight_bits(pixels: npt.NDArray[Any], shift: int, where: str) -> Image:
 
 def read_pixels(path: Path) -> npt.NDArray[Any]:
     """Read an image file as it is."""
-    refuse_cut_off(path)
+    refuse_cut_off_image(path)
     return decoded(path.read_bytes(), str(path))
 
 
@@ -149,7 +149,7 @@ def decoded(content: bytes, where: str) -> npt.NDArray[Any]:
     return np.asarray(pixels)
 
 
-def refuse_cut_off(path: Path) -> None:
+def refuse_cut_off_image(path: Path) -> None:
     """Refuse a file that is missing, empty, or a PNG or JPEG without its end: OpenCV fills what lacks with zeros."""
     with existing_file(path, "the image").open("rb") as stream:
         head = stream.read(8)
@@ -214,9 +214,6 @@ def read_text(path: str | Path, what: str) -> str:
         ) from error
 
 
-# Where x right, y down, z forward lie on a body with x forward, y left, z up.
-FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
 # Names of units, their number per second, and times since 1970 and intervals between images that are in them.
 _TIME_UNITS = (
     ("nanoseconds", 1e9, 1e17, 1e6),
@@ -265,16 +262,6 @@ def seconds_of(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         if times[0] > since_1970 or interval > least_interval:
             return times / per_second, (f"the times of the images were taken as {name}",)
     return times, ()
-
-
-def calibrated_camera(place: Path) -> Camera:
-    """Read the calibration beside the images of a folder."""
-    if not (place / "camera.toml").is_file():
-        raise InputError(
-            f"{place} holds images and no camera.toml; calibrate the camera (firnline calibrate) and put it there, or name "
-            "it with --camera."
-        )
-    return Camera.read(place / "camera.toml")
 
 
 def image_files(folder: Path) -> list[Path]:

@@ -182,7 +182,7 @@ def _first_near(place: FloatArray) -> int:
     return int(np.argmax(np.linalg.norm(upward - np.median(upward, axis=0), axis=1) < _NEAR_RAD))
 
 
-_DATED_S = 1e8  # times of images beyond this count from 1970
+DATED_S = 1e8  # times of images beyond this count from 1970
 
 
 class VisionRecords(Protocol):
@@ -299,6 +299,6 @@ def _span(time_s: FloatArray) -> str:
 
 def _guess(log: GpsLog, times: FloatArray) -> str:
     """Return the midnight before the first image, where the images are dated and the fixes have the time of day."""
-    if log.is_dated or times[0] < _DATED_S:
+    if log.is_dated or times[0] < DATED_S:
         return ""
     return f", such as {times[0] - times[0] % 86400.0:.0f} for times of day"

@@ -11,8 +11,7 @@ from firnline.cli.options import DryRun, Json, Quiet
 from firnline.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
-    from vision_slam.calibration.boards import Board
-    from vision_slam.calibration.calibrate import CameraCalibration
+    from vision_slam.calibration import Board, CameraCalibration
 
 _Images = Annotated[Path, typer.Argument(help="Folder of images of the board, all of one size.")]
 _Board = Annotated[
@@ -71,8 +70,8 @@ def calibrate(
     from firnline.cli.progress import counted
     from survey.core.files import replacing
     from survey.figures.style import png_bytes
-    from vision_slam.calibration.calibrate import calibrate as calibrated
-    from vision_slam.calibration.calibrate import calibration_figure
+    from vision_slam.calibration import calibrate as calibrated
+    from vision_slam.calibration import calibration_figure
     from vision_slam.readers.images import image_files
 
     picture = out.with_suffix(".png")
@@ -96,7 +95,7 @@ def _board(
 ) -> "Board":
     """Return the board that the options name."""
     from survey.core.errors import ConfigError
-    from vision_slam.calibration.boards import CharucoBoard, Chessboard
+    from vision_slam.calibration import CharucoBoard, Chessboard
 
     if (board is None) == (charuco is None):
         raise ConfigError(

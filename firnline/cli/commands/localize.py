@@ -15,7 +15,8 @@ from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
     from survey.data.ice_motion import IceMotion
-    from vision_slam.drive_estimate import Comparison, DriveEstimate
+    from vision_slam.drive_estimate import DriveEstimate
+    from vision_slam.evaluation import Comparison
     from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -69,7 +70,7 @@ def _end_dry_run(drive: "RecordedDrive", request: LocalizeRequest) -> NoReturn:
     drive.config(request.overrides)
     drive.visual_config(request.overrides)
     facts: dict[str, object] = {
-        "images": 0 if drive.frames is None else len(drive.frames.time_s),
+        "images": 0 if drive.records.frames is None else len(drive.records.frames.time_s),
         "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
     }
     end_dry_run([request.out], facts | {f"note {k}": note for k, note in enumerate(drive.notes, start=1)})
@@ -97,11 +98,11 @@ def _write(
 ) -> None:
     """Write files and pictures, and the file of rerun's viewer where it is asked for."""
     from survey.core.replacement import replacing_folder
-    from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
+    from vision_slam.results import OWN_FILES, draw_localization, write_localization, write_pictures
 
     with replacing_folder(out, own=OWN_FILES) as folder:
         write_localization(folder, estimate)
-        write_pictures(folder, pictures_of(estimate, drive.records, drive.gps, comparison))
+        write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, comparison))
     if viewer is not None:
         from vision_slam.results import write_rrd
 

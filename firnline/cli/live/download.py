@@ -39,7 +39,7 @@ def download(
     with needs_live_extra():
         from firnline.cli.progress import counted
         from live.link import LinkAddress
-        from live.mission.vehicle_mission import downloaded_route
+        from live.mission_transfer import downloaded_route
         from survey.interchange.route_formats import write_plan
 
         address = LinkAddress.parsed(url)

@@ -16,7 +16,7 @@ from firnline.cli.route_source import RouteOptions, route_with_surroundings
 
 if TYPE_CHECKING:
     from live.link import LinkAddress
-    from live.mission.items import AutopilotMission
+    from live.mission_items import AutopilotMission
 
 _MISSION_FILES = (".plan", ".waypoints")
 
@@ -81,7 +81,7 @@ def upload(request: UploadRequest) -> None:
 
 def _mission(request: UploadRequest) -> "AutopilotMission":
     """Read the mission of one rover."""
-    from live.mission.items import AutopilotMission
+    from live.mission_items import AutopilotMission
     from survey.core.files import existing_file
     from survey.interchange.route_formats import part_of_rover
 
@@ -95,7 +95,7 @@ def _mission(request: UploadRequest) -> "AutopilotMission":
 def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:
     """Return the numbers of items, and which autopilots hold them; refuse what no vehicle would hold."""
     from live.link import ARDUPILOT, NAMES, PX4
-    from live.mission.items import FENCE, MISSION, limits_of, require_storable
+    from live.mission_items import FENCE, MISSION, limits_of, require_storable
 
     items, fence = mission.link_items(0), mission.fence_items
     require_storable(items, MISSION, most_items or limits_of(0).items)
@@ -116,7 +116,7 @@ def _upload(
     from time import perf_counter
 
     from firnline.cli.progress import counted
-    from live.mission.vehicle_mission import upload as sent
+    from live.mission_transfer import upload as sent
 
     began = perf_counter()
     with counted(quiet=request.quiet) as progress:

@@ -139,14 +139,14 @@ def _line(entry: dict[str, Any]) -> str:
 
 def _entries(request: WatchRequest, stack: ExitStack) -> Iterator[dict[str, Any]]:
     """Yield the entries of a replay, or of what arrives."""
-    from live.watch.log import entered, heading_of, replayed
+    from live.watch.log import entered, replayed, watch_header
 
     if request.replay is not None:
         yield from replayed(request.replay)
         return
     watching = _watch(request)
     inputs = _inputs(request, watching, stack)
-    yield heading_of(watching)
+    yield watch_header(watching)
     for entry in inputs:
         yield entry
         for event in entered(watching, entry):

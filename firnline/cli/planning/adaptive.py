@@ -29,7 +29,6 @@ _TEXTS: dict[str, Callable[[Any], str]] = {
 def plan_adaptive(request: PlanRequest) -> None:
     """Plan the first swaths, or the next one after what was driven and measured."""
     from planners.guarantee.adaptive import AdaptiveConfig
-    from planners.routes.shortest_paths import FreeGround
     from planners.swaths.heading import across_marked_grain
     from survey.core.errors import ConfigError
 
@@ -39,7 +38,7 @@ def plan_adaptive(request: PlanRequest) -> None:
         raise ConfigError("--adaptive fits the covariance to the survey; leave out --assume.")
     requirement = requirement_of(request)
     area, prior = prior_of(request)
-    config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
+    config = AdaptiveConfig.of(requirement, across_marked_grain(area.free, prior))
     if request.driven is not None and request.measured is not None:
         _continue(request, request.driven, request.measured, area, prior, config)
     else:

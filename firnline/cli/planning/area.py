@@ -149,9 +149,9 @@ def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
 def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
     """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses."""
     import planners
-    from planners.planning import covered_share
+    from planners.planning import prior_covered_share
 
-    return None if covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
+    return None if prior_covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
 
 
 def _assumption(kernel: "Kernel") -> str:

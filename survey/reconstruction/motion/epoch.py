@@ -169,7 +169,7 @@ def in_ice_frame(recording: Recording, motion: IceMotion) -> Recording:
     Odometry, images, sightings and loop closures measure relative to the ice and stay as they are. Fixes, the start, the
     heights of the barometer and stakes are moved to the epoch. The unknowns of the motion become unknowns of
     localization: `vision_slam.localize` of the result estimates path, landmarks and motion together, and a map of these
-    landmarks is that of the epoch. `vision_slam.localize_on_ice` does both.
+    landmarks is that of the epoch. `vision_slam.localize` does both.
 
     Strain turns and stretches steps of the odometry by some 0.1 % a day, which is left to its errors of scale and
     heading.

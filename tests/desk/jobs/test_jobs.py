@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from desk.jobs.job import Job, Jobs
-from live.watch.log import heading_of, line_of
+from live.watch.log import line_of, watch_header
 from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
 from survey.core.errors import CapacityError, InputError
@@ -175,7 +175,7 @@ def driven_entries(workspace):
     low, high = south + 0.25 * (north - south), south + 0.75 * (north - south)
     corners = np.array([[west, low], [east, low], [east, high], [west, high]])
     legs = [Leg(kind, corners[k : k + 2]) for k, kind in enumerate(("swath", "transit", "swath"))]
-    yield heading_of(SurveyWatch(area, AdaptiveConfig(50.0, 0.6, noise_m=0.1), legs, every_m=1e9))
+    yield watch_header(SurveyWatch(area, AdaptiveConfig(50.0, 0.6, noise_m=0.1), legs, every_m=1e9))
     line = shapely.LineString(corners)
     for along in np.arange(0.0, line.length + 1.0, 4.0):
         place = line.interpolate(along)

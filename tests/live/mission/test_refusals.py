@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from live.link import LinkAddress
-from live.mission.items import FENCE, AutopilotMission, require_storable
-from live.mission.vehicle_mission import downloaded_route, upload
-from live.rover.radio import Radio
+from live.mission_items import FENCE, AutopilotMission, require_storable
+from live.mission_transfer import downloaded_route, upload
+from live.rover import Radio
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.route import Leg
@@ -163,7 +163,7 @@ def test_a_vehicle_that_refuses_is_quoted(result, words):
 
 
 def test_an_upload_that_takes_too_long_is_given_up(monkeypatch):
-    monkeypatch.setattr("live.mission.vehicle_mission.MOST_UPLOAD_S", -1.0)
+    monkeypatch.setattr("live.mission_transfer.MOST_UPLOAD_S", -1.0)
     with ArduPilotLike() as vehicle, pytest.raises(InputError, match=r"took longer than .* come nearer"):
         upload(AutopilotMission.of_route(ROUTE, Surroundings()), vehicle.address, patience_s=10.0)
 

@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from live.link import LinkAddress, Vehicle
-from live.mission.items import FENCE, MISSION, AutopilotMission, first_difference, require_storable
-from live.mission.transfer import fetch_items
-from live.mission.vehicle_mission import upload
+from live.mission_items import FENCE, MISSION, AutopilotMission, first_difference, require_storable
+from live.mission_transfer import fetch_items, upload
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.route import Leg

@@ -9,7 +9,7 @@ import rasterio
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.watch.log import heading_of, line_of, replayed, watch_of
+from live.watch.log import line_of, replayed, watch_header, watch_of
 from live.watch.samples import Sample, SampleGate, file_entries
 from live.watch.survey_watch import LegProgress, RoverWarnings, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
@@ -55,7 +55,7 @@ def drive(route: list[Leg], speed_m_s: float = 1.0) -> list[Sample]:
 def watched() -> tuple[SurveyWatch, list[dict], list[str]]:
     planned = legs((10.0, 40.0, 75.0, 110.0))
     watch = SurveyWatch(AREA, LIMITS, planned, every_m=60.0)
-    lines, events = [line_of(heading_of(watch))], []
+    lines, events = [line_of(watch_header(watch))], []
     for sample in drive(planned):
         lines.append(line_of({"in": "sample", "sample": list(sample)}))
         new = watch.take(sample)
@@ -100,7 +100,7 @@ def test_a_log_replays_to_the_same_bytes(watched, tmp_path):
     file = tmp_path / "drive.jsonl"
     file.write_text("".join(lines), encoding="utf-8")
     assert "".join(map(line_of, replayed(file))) == file.read_text(encoding="utf-8")
-    assert heading_of(watch_of(json.loads(lines[0]))) == json.loads(lines[0])
+    assert watch_header(watch_of(json.loads(lines[0]))) == json.loads(lines[0])
 
 
 def test_the_command_watches_a_file_and_replays_its_log(tmp_path, monkeypatch):
@@ -153,7 +153,7 @@ def test_an_incomplete_request_and_a_damaged_log_are_refused(tmp_path):
 )
 def test_a_damaged_log_is_refused_with_its_line(content, said, tmp_path):
     file = tmp_path / "x.jsonl"
-    heading = line_of(heading_of(SurveyWatch(AREA, LIMITS, legs((10.0, 60.0)))))
+    heading = line_of(watch_header(SurveyWatch(AREA, LIMITS, legs((10.0, 60.0)))))
     file.write_text(content.replace("HEADING\n", heading))
     with pytest.raises(InputError, match=re.escape(said)):
         list(replayed(file))

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
+from planners.routes.rover import Turning
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
 from planners.routes.turns import (
-    Turning,
     Turns,
     dubins_words,
     moved,

@@ -5,7 +5,8 @@ import pytest
 import shapely
 from affine import Affine
 
-from planners.routes.traversability import RoverLimits, drivable, roughness
+from planners.routes.rover import RoverLimits
+from planners.routes.traversability import drivable, roughness
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

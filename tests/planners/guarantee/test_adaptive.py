@@ -10,8 +10,12 @@ from planners.guarantee.adaptive import (
     next_swath,
     survey_adaptively,
 )
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, posterior_from_prior
-from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.kernel_posterior import (
+    KernelPosterior,
+    PriorBlocks,
+    WeightedKernel,
+    posterior_from_prior,
+)
 from planners.guarantee.survey_lines import SurveyLines
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
@@ -49,8 +53,8 @@ def test_swaths_of_a_survey_run_across_a_marked_grain():
     grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 50.0, CRS)
     ridges = Dem.on(grid, np.outer(5.0 * np.sin(np.arange(7.0)), np.ones(7)))
     ground = FreeGround(AREA.free)
-    assert across_marked_grain(ground, ridges) == 90.0
-    assert across_marked_grain(ground, coarse(smooth_terrain())) == 0.0
+    assert across_marked_grain(ground.polygon, ridges) == 90.0
+    assert across_marked_grain(ground.polygon, coarse(smooth_terrain())) == 0.0
     config = AdaptiveConfig(limit_m=0.3, heading_deg=90.0)
     for swath in first_swaths(AREA, KernelPosterior((SMOOTH,)), config).swaths:
         (east, north) = np.abs(swath.axis[1] - swath.axis[0])

@@ -8,7 +8,7 @@ from shapely import Polygon
 
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
-from planners.swaths.decomposition import cells, clipped, swaths_on, unswept
+from planners.swaths.decomposition import cells, clip_lines, swaths_on, unswept
 from planners.swaths.heading import heading_by
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -67,7 +67,7 @@ def test_winding_lines_are_cut_to_the_ground() -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 20.0) - shapely.box(45.0, 5.0, 55.0, 15.0))
     x = np.linspace(-10.0, 110.0, 121)
     wave = np.column_stack([x, 10.0 + 3.0 * np.sin(x / 10.0)])
-    pieces = clipped(ground, [wave])
+    pieces = clip_lines(ground, [wave])
     assert len(pieces) == 2
     assert all(ground.covers(shapely.linestrings(piece)) for piece in pieces)
     assert pieces[0][0, 0] < pieces[0][-1, 0] < pieces[1][0, 0]

@@ -52,5 +52,5 @@ def test_a_dem_elsewhere_is_refused():
 
 def test_only_a_marked_grain_turns_the_swaths():
     ridges_along = dem(5.0 * np.sin(GRID.y / 15.0)[:, None])
-    assert across_marked_grain(GROUND, ridges_along) == 90.0
-    assert across_marked_grain(GROUND, dem(5.0 * np.sin(GRID.x / 15.0))) == 0.0
+    assert across_marked_grain(GROUND.polygon, ridges_along) == 90.0
+    assert across_marked_grain(GROUND.polygon, dem(5.0 * np.sin(GRID.x / 15.0))) == 0.0

@@ -38,6 +38,14 @@ def test_a_terrain_model_imports_neither_estimators_nor_plots():
     assert not loaded_by("from firnline import Dem") & heavy
 
 
+def test_settings_of_planners_import_no_compiled_layouts():
+    heavy = {"numba", "matplotlib", "sklearn", "gtsam", "cv2"}
+    assert not loaded_by("from firnline import LawnmowerConfig, WavyConfig, Rover, Fleet") & (
+        heavy | {"scipy"}
+    )
+    assert not loaded_by("from planners import BestConfig, PlannerConfig, VarianceDrivenConfig") & heavy
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_names_are_those_of_the_stub_file(package):
     module = import_module(package)

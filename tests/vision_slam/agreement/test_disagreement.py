@@ -11,7 +11,7 @@ from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry, Sightings
 from survey.data.sensors.records import GpsFixes, Inertial
-from vision_slam.agreement import evidence as disagreement
+from vision_slam.agreement import evidence
 from vision_slam.agreement.evidence import (
     agrees_better_delayed,
     fitted_memory_s,
@@ -22,13 +22,12 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.motion import dead_reckoning
-from vision_slam.pipeline import image_config
 
 RTK = LocalizationConfig(
     gps_bias_sigma_m=0.01, gps_white_sigma_m=0.02, gps_correlation_time_s=300.0, scale_sigma=0.1
 )
 
-IMAGES = image_config(RTK.model_copy(update={"start": "unknown"}))
+IMAGES = RTK.model_copy(update={"start": "unknown"}).with_image_errors()
 
 
 def _hook(factor: float = 1.0, jump_m: float = 0.0) -> tuple[OdometryRecording, FloatArray]:
@@ -232,6 +231,6 @@ def test_a_path_of_no_certain_place_admits_no_refused_fix(
     smoothed = smooth(recording, path, RTK)
     wide = np.full_like(smoothed.covariance, variance_m2)
     aside = smoothed.position + [1e9, -1e9, 0.0]
-    monkeypatch.setattr(disagreement, "smooth", lambda *_: replace(smoothed, position=aside, covariance=wide))
+    monkeypatch.setattr(evidence, "smooth", lambda *_: replace(smoothed, position=aside, covariance=wide))
     used = np.arange(101) < 100
-    np.testing.assert_array_equal(disagreement._readmitted(recording, path, RTK, used), used)
+    np.testing.assert_array_equal(evidence._readmitted(recording, path, RTK, used), used)

@@ -22,7 +22,6 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.pipeline import image_config
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +82,9 @@ def test_images_that_only_a_much_wider_error_fits_are_replaced_too() -> None:
         "EPSG:32608", np.zeros(3), fixes, odometry=odometry, sightings=sightings, start_is_surveyed=False
     )
     visual = VisualOdometry(odometry, sightings, (), np.zeros(51, dtype=np.bool_))
-    config = image_config(
-        LocalizationConfig(start="unknown", clock_sigma_s=0.5, gps_correlation_time_s=500.0), 0.052
-    )
+    config = LocalizationConfig(
+        start="unknown", clock_sigma_s=0.5, gps_correlation_time_s=500.0
+    ).with_image_errors(0.052)
     drive = align_drive(scale_to_fixes(Drive(recording, config, visual)))
     # Each first level of a wider error gains nothing.
     assert reconcile(drive.recording, drive.path, drive.config, drive.online).gain > 100.0

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.data.camera import Camera
-from vision_slam.calibration.boards import CharucoBoard
+from vision_slam.calibration import CharucoBoard
 
 SIZE = (480, 360)
 CAMERA = Camera(

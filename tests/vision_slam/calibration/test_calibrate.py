@@ -17,9 +17,15 @@ from tests.vision_slam.calibration.rendered import (
     chessboard_images,
     poses,
 )
-from vision_slam.calibration.boards import BoardView, Chessboard
-from vision_slam.calibration.calibrate import calibrate, calibration_figure
-from vision_slam.calibration.fit import fit_lens, parameter_covariance, tilts_deg
+from vision_slam.calibration import (
+    BoardView,
+    Chessboard,
+    calibrate,
+    calibration_figure,
+    fit_lens,
+    parameter_covariance,
+    tilts_deg,
+)
 
 TRUE = np.r_[CAMERA.matrix[0, 0], CAMERA.matrix[1, 1], CAMERA.matrix[:2, 2], CAMERA.distortion]
 BOARD = Chessboard(9, 6, 0.02)

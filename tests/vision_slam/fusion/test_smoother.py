@@ -11,7 +11,6 @@ from vision_slam import LocalizationConfig, localize
 from vision_slam.attitude import rotations, turned
 from vision_slam.fusion.smoother import SmoothedPath, node_spacing_m, smooth
 from vision_slam.motion import dead_reckoning
-from vision_slam.pipeline import image_config
 
 CRS = "EPSG:32608"
 
@@ -225,5 +224,5 @@ def test_turns_have_more_nodes_where_tilt_errors_stay_in_the_world(spacing_m):
 
 
 def test_attitude_errors_of_images_stay_in_the_world():
-    assert image_config(LocalizationConfig()).tilt_stays_in_world
+    assert LocalizationConfig().with_image_errors().tilt_stays_in_world
     assert not LocalizationConfig().tilt_stays_in_world

@@ -9,7 +9,7 @@ from PIL import Image
 
 from survey.core.errors import InputError
 from survey.data.camera import Camera
-from vision_slam.readers.images import images_of, refuse_cut_off, refuse_other_sizes
+from vision_slam.readers.images import images_of, refuse_cut_off_image, refuse_other_sizes
 from vision_slam.readers.photos import read_photo
 
 PIXELS = np.random.default_rng(1).integers(0, 255, (24, 32), dtype=np.uint8)
@@ -38,7 +38,7 @@ def test_a_jpeg_image_without_its_end_is_refused_even_with_a_small_image_in_its_
     segment = b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
     (tmp_path / "a.jpg").write_bytes(content[:2] + segment + content[2:-200])
     with pytest.raises(InputError, match=r"a\.jpg is cut off"):
-        refuse_cut_off(tmp_path / "a.jpg")
+        refuse_cut_off_image(tmp_path / "a.jpg")
 
 
 def test_an_image_that_lacks_a_part_is_named(tmp_path):

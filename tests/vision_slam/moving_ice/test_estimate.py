@@ -12,7 +12,6 @@ from survey.reconstruction.motion.priors import uniform_motion
 from vision_slam import LocalizationConfig, localize
 from vision_slam.attitude import rotations
 from vision_slam.drive_estimate import Localization
-from vision_slam.pipeline import localize_on_ice
 
 DAY_S = 86400.0
 CONFIG = LocalizationConfig(gps_bias_sigma_m=0.02, gps_white_sigma_m=0.01, gps_vertical_factor=1.0)
@@ -47,7 +46,7 @@ def rates(found: Localization) -> tuple[np.ndarray, np.ndarray]:
 
 def test_path_and_landmarks_are_those_of_the_epoch_and_the_motion_is_found():
     recording, path = drive_on_ice(RATE)
-    found = localize_on_ice(recording, prior(2.0), CONFIG)
+    found = localize(recording, CONFIG, motion=prior(2.0))
     rate, sigma = rates(found)
     # Odometry errs by 0.2 m over the drive, in half a day; without places seen twice it shows the motion no better.
     assert (np.abs(rate - RATE) < sigma).all()
@@ -61,7 +60,7 @@ def test_path_and_landmarks_are_those_of_the_epoch_and_the_motion_is_found():
 
 def test_the_epoch_decides_where_the_path_lies():
     recording, path = drive_on_ice(RATE)
-    later = localize_on_ice(recording, prior(2.0, epoch_s=0.5 * DAY_S), CONFIG)
+    later = localize(recording, CONFIG, motion=prior(2.0, epoch_s=0.5 * DAY_S))
     np.testing.assert_allclose(later.trajectory.position, path + 0.5 * RATE, atol=0.05)
 
 
@@ -73,14 +72,14 @@ def test_a_static_estimate_of_the_same_recording_is_off_by_decimetres():
 
 def test_an_exact_motion_of_zero_changes_no_bit():
     recording, _ = drive_on_ice(np.zeros(3))
-    moved, still = localize_on_ice(recording, prior(0.0), CONFIG), localize(recording, CONFIG)
+    moved, still = localize(recording, CONFIG, motion=prior(0.0)), localize(recording, CONFIG)
     np.testing.assert_array_equal(moved.points.xyz, still.points.xyz)
     np.testing.assert_array_equal(moved.trajectory.covariance, still.trajectory.covariance)
 
 
 def test_still_ice_has_a_velocity_of_zero_within_its_error():
     recording, _ = drive_on_ice(np.zeros(3))
-    rate, sigma = rates(localize_on_ice(recording, prior(2.0), CONFIG))
+    rate, sigma = rates(localize(recording, CONFIG, motion=prior(2.0)))
     assert (np.abs(rate) < 2.0 * sigma).all()
 
 
@@ -92,7 +91,7 @@ def test_loop_closures_hold_on_moving_ice():
         time_s[pairs + 100], time_s[pairs], np.zeros((19, 3)), np.tile(1e-4 * np.eye(3), (19, 1, 1))
     )
     # The way goes around twice, 100 poses apart.
-    found = localize_on_ice(replace(recording, loop_closures=closures), prior(2.0), CONFIG)
+    found = localize(replace(recording, loop_closures=closures), CONFIG, motion=prior(2.0))
     apart = found.trajectory.position[pairs + 100] - found.trajectory.position[pairs]
     assert np.abs(apart).max() < 0.03
     rate, sigma = rates(found)
@@ -111,6 +110,6 @@ def test_repeated_surveys_of_a_stake_give_the_velocity_where_fixes_do_not():
     seen = StakeSightings(recording.gps.time_s[50:51], np.zeros(1), offset, 1e-4 * np.eye(3)[None])
     staked = replace(recording, stake_surveys=surveys, stake_sightings=seen, stakes=None)
     coarse = LocalizationConfig(gps_bias_sigma_m=3.0, gps_white_sigma_m=1.0)
-    rate, sigma = rates(localize_on_ice(staked, prior(2.0), coarse))
+    rate, sigma = rates(localize(staked, coarse, motion=prior(2.0)))
     assert (sigma < 0.04).all()
     assert (np.abs(rate - RATE) < 3.0 * sigma).all()

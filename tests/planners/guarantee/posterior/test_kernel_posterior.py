@@ -1,8 +1,12 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.kernel_posterior import localized_noise_m, posterior_from_prior, posterior_from_survey
-from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.kernel_posterior import (
+    PriorBlocks,
+    localized_noise_m,
+    posterior_from_prior,
+    posterior_from_survey,
+)
 from planners.guarantee.requirement import roughness_elsewhere
 from survey import Dem, Grid, SurveyArea
 from survey.reconstruction.gp.kernels import SquaredExponential

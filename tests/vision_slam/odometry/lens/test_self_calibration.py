@@ -12,7 +12,7 @@ from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.bundle_adjustment import LensChange
 from vision_slam.odometry.self_calibration import estimate_lens
 from vision_slam.odometry.tracks import Track
-from vision_slam.readers.images import FORWARD
+from vision_slam.readers.calibrations import FORWARD
 
 _GIVEN = Camera(
     "pinhole",

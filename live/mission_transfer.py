@@ -1,22 +1,42 @@
-"""Mission protocol of MAVLink from the side of the ground station: items to a vehicle and from it, and the start.
+"""Mission of a vehicle: upload with its fence, comparison item by item, download as a route, and start.
 
-Every message may be lost. A vehicle asks for the items one by one and takes the one that it waits for. While it is
-silent, the last item and those after it are sent unasked, since its request may be what was lost. A transfer ends with
-the vehicle's acknowledgement, with its refusal, or with `LinkLostError` when nothing came for as long as the patience.
-`start_mission` commands the vehicle to begin the mission that it holds.
+`send_items` and `fetch_items` are the mission protocol of MAVLink from the side of the ground station. Every message may
+be lost. A vehicle asks for the items one by one and takes the one that it waits for. While it is silent, the last item
+and those after it are sent unasked, since its request may be what was lost. A transfer ends with the vehicle's
+acknowledgement, with its refusal, or with `LinkLostError` when nothing came for as long as the patience. `start_mission`
+commands the vehicle to begin the mission that it holds.
+
+`upload` sends mission and fence, reads them back and compares them; `downloaded_route` reads a mission as a route.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
-from live.link import LinkLostError, Vehicle
-from live.mission.items import KIND_NAMES, LinkItem
-from survey.core.arrays import Progress
+import numpy as np
+
+from live.link import LinkAddress, LinkLostError, Vehicle
+from live.mission_items import (
+    FENCE,
+    KIND_NAMES,
+    MISSION,
+    AutopilotMission,
+    LinkItem,
+    first_difference,
+    limits_of,
+    n_home_items,
+    require_storable,
+)
+from survey.core.arrays import FloatArray, Progress
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
+from survey.core.transformation import chosen_crs, transformed
+from survey.data.route import Leg, Route
+from survey.io.vector import WGS84
 
-_RESEND_S = 0.3
+_MISSION_RESEND_S = 0.3
 _FIRST_WAIT_S, _LEAST_WAIT_S, _MOST_WAIT_S = 0.3, 0.1, 1.5
 # Items that are sent without being asked for while a vehicle is silent; its requests may have been lost.
 _MOST_AHEAD = 8
@@ -25,7 +45,7 @@ _COUNT_WAIT_S = 0.7
 # Near the last item a vehicle that has all of them may be silent: its acknowledgement was lost.
 _LAST_S = 3.0
 _FROM_VEHICLE = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
-_ACCEPTED = 0
+_MISSION_ACCEPTED = 0
 _RESULTS = {
     1: "an unspecified error",
     2: "an unsupported frame",
@@ -198,7 +218,7 @@ class _Reading:
         """Acknowledge, in several copies: one that is lost would block the vehicle's next transfer."""
         for _ in range(_COPIES):
             self.vehicle.mav.mission_ack_send(
-                self.vehicle.system, self.vehicle.component, _ACCEPTED, self.kind
+                self.vehicle.system, self.vehicle.component, _MISSION_ACCEPTED, self.kind
             )
 
     def _item(self, index: int) -> bool:
@@ -228,15 +248,15 @@ def _clear(vehicle: Vehicle, kind: int) -> None:
     asked = monotonic()
     while True:
         vehicle.mav.mission_clear_all_send(vehicle.system, vehicle.component, kind)
-        message = vehicle.receive(("MISSION_ACK",), _RESEND_S)
-        if message is not None and message.mission_type == kind and message.type == _ACCEPTED:
+        message = vehicle.receive(("MISSION_ACK",), _MISSION_RESEND_S)
+        if message is not None and message.mission_type == kind and message.type == _MISSION_ACCEPTED:
             return
         _require_heard(vehicle, asked, f"while the {KIND_NAMES[kind]} was cleared")
 
 
 def _ends(message: Any, vehicle: Vehicle, n_items: int, kind: int, *, is_begun: bool) -> bool:
     """Return whether an acknowledgement ends the transfer; raise where it refuses."""
-    if message.type == _ACCEPTED:
+    if message.type == _MISSION_ACCEPTED:
         return is_begun  # otherwise it belongs to an earlier transfer
     if message.type == _OUT_OF_ORDER or (message.type in _PASSING and not is_begun):
         return False  # the answer to an item that was sent ahead
@@ -305,3 +325,186 @@ def _command(vehicle: Vehicle, command: int, first: float, words: str) -> None:
     raise LinkLostError(
         f"{vehicle.address.text} did not answer the order to {words} for {vehicle.patience_s:g} s; restore the link."
     )
+
+
+_MOST_TRANSFERS = 6
+MOST_UPLOAD_S = 600.0
+"""Time after which an upload over a poor link is given up [s]."""
+
+
+class UploadReport(NamedTuple):
+    """What a vehicle holds after an upload, read back and equal to what was sent.
+
+    `vehicle`: autopilot and system id. `items`, `fence_corners`: numbers of items; 0 corners where the fence
+    was left as it was. `transfers`: how often items were sent: 1 for each of mission and fence, more after
+    losses.
+    """
+
+    vehicle: str
+    items: int
+    fence_corners: int
+    transfers: int
+
+
+def upload(
+    mission: AutopilotMission,
+    address: LinkAddress,
+    *,
+    patience_s: float = 15.0,
+    system: int | None = None,
+    most_items: int | None = None,
+    starts: bool = False,
+    progress: Progress | None = None,
+) -> UploadReport:
+    """Upload a fence and a mission, and compare them with what the vehicle reports; give up after `MOST_UPLOAD_S`.
+
+    The fence goes first, so that the vehicle never has the mission without it. A vehicle exchanges its mission when
+    the last item has come; until then, and after any loss of the link, it holds the former one.
+
+    Parameters
+    ----------
+    mission : AutopilotMission
+        Of one rover.
+    address : LinkAddress
+        Where the vehicle is.
+    patience_s : float
+        How long to wait for a silent vehicle [s].
+    system : int, optional
+        System id of the vehicle; by default the first that answers.
+    most_items : int, optional
+        How many items the board holds; by default the limit of its autopilot.
+    starts : bool
+        Whether to arm the vehicle and start the mission afterwards.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Returns
+    -------
+    UploadReport
+        What the vehicle holds.
+
+    Raises
+    ------
+    InputError
+        A mission that the vehicle cannot hold or refuses, a link that stays lost, or items that come back different.
+        A link so poor that the upload takes too long.
+    """
+    with Vehicle.connected(address, patience_s, system) as vehicle:
+        limits, n_home = limits_of(vehicle.autopilot), n_home_items(vehicle.autopilot)
+        items, fence = mission.link_items(vehicle.autopilot), mission.fence_items
+        require_storable(items, MISSION, most_items or limits.items, n_home)
+        require_storable(fence, FENCE, most_items or limits.fence_corners)
+        progress = _in_time(progress, vehicle)
+        transfers = _until_equal(vehicle, fence, FENCE, 0, progress) if fence else 0
+        transfers += _until_equal(vehicle, items, MISSION, n_home, progress)
+        if starts:
+            start_mission(vehicle)
+        return UploadReport(vehicle.name, len(items), len(fence), transfers)
+
+
+def _in_time(progress: Progress | None, vehicle: Vehicle) -> Progress:
+    """Return the callback of progress, which ends an upload that takes too long."""
+    until = monotonic() + MOST_UPLOAD_S
+
+    def checked(what: str, done: int, total: int) -> None:
+        if monotonic() > until:
+            raise InputError(
+                f"the upload to {vehicle.address.text} took longer than {MOST_UPLOAD_S:g} s ({what}, {done} of {total} items); "
+                "the link loses too many packets, come nearer and run the command again."
+            )
+        if progress is not None:
+            progress(what, done, total)
+
+    return checked
+
+
+def _until_equal(
+    vehicle: Vehicle, items: Sequence[LinkItem], kind: int, n_home: int, progress: Progress | None
+) -> int:
+    """Send items until the vehicle reports them equal; return the number of transfers.
+
+    The first `n_home` items are not compared: the vehicle has a home position of its own.
+    """
+    index: int | None = None
+    for transfer in range(1, _MOST_TRANSFERS + 1):
+        try:
+            send_items(vehicle, items, kind, progress)
+            found = fetch_items(vehicle, kind, progress)
+        except LinkLostError:
+            if transfer == _MOST_TRANSFERS:
+                raise
+            vehicle.wait_for_heartbeat()
+            continue
+        index = first_difference(items[n_home:], found[n_home:])
+        if index is None:
+            return transfer
+        index += n_home
+    assert index is not None
+    raise InputError(_difference(items, found, index, kind, vehicle))
+
+
+def _difference(
+    items: Sequence[LinkItem], found: Sequence[LinkItem], index: int, kind: int, vehicle: Vehicle
+) -> str:
+    """Return a sentence for items that came back different."""
+    sent = items[index] if index < len(items) else "nothing"
+    read = found[index] if index < len(found) else "nothing"
+    return (
+        f"{vehicle.name} reports {read} for item {index} of the {KIND_NAMES[kind]} where {sent} was sent; do not drive it, "
+        "clear the mission and upload it again."
+    )
+
+
+def downloaded_route(
+    address: LinkAddress,
+    crs: Any = None,
+    *,
+    patience_s: float = 15.0,
+    system: int | None = None,
+    progress: Progress | None = None,
+) -> Route:
+    """Read the waypoints of the mission that a vehicle holds.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Where the vehicle is.
+    crs : str or pyproj.CRS, optional
+        Projected CRS of the route; by default the UTM zone of the first waypoint, or polar stereographic.
+    patience_s : float
+        How long to wait for a silent vehicle [s].
+    system : int, optional
+        System id of the vehicle; by default the first that answers.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Returns
+    -------
+    Route
+        One swath through all waypoints.
+
+    Raises
+    ------
+    InputError
+        A link that stays lost, or a mission with fewer than two waypoints.
+    """
+    with Vehicle.connected(address, patience_s, system) as vehicle:
+        items = fetch_items(vehicle, MISSION, progress)
+        mission = items[n_home_items(vehicle.autopilot) :]
+        places = np.array([item.degrees for item in mission if item.is_waypoint])
+        if len(places) < 2:
+            raise InputError(
+                f"{vehicle.name} holds {len(items)} items with {len(places)} waypoints, and a route needs at least two; "
+                "upload a mission to it first."
+            )
+    return _route(places[:, ::-1], crs)
+
+
+def _route(lonlat: FloatArray, crs: Any) -> Route:
+    """Return the route through places (N, 2) [deg]; repeated places are one waypoint."""
+    if crs is None:
+        target = chosen_crs(lonlat[:, 0], lonlat[:, 1])
+        logging.getLogger(__name__).warning("the mission is projected to %s.", target.name)
+    else:
+        target = projected_crs(crs, "the wanted CRS")
+    return Route((Leg("swath", transformed(lonlat, WGS84, target, "the mission")),), target, "downloaded")

@@ -1,1 +1,0 @@
-"""Missions and fences of autopilots: their items on the link, upload, comparison, download."""

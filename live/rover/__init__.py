@@ -1,1 +1,0 @@
-"""Simulated rover behind MAVSDK's servers, in a process of its own."""
