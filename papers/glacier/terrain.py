@@ -21,7 +21,8 @@ import survey
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.world import RandomTerrain, SceneryConfig
 from sim.montecarlo.results import SummaryRow, write_rows
-from sim.simulate.simulation import sensed_attitude, simulate_statistical
+from sim.simulate.simulation import simulate_statistical
+from sim.simulate.steering import add_attitude_errors
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray, Progress
@@ -182,7 +183,9 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     steering = planners.steering_of(config)
     if steering is None:
         raise TypeError("the piecewise-continuous pattern is steered")
-    sense = sensed_attitude(planners.attitude_sensor(world.terrain), mission)
+    errors = stream(mission.seed, "steering", "sensed")
+    exact = planners.attitude_sensor(world.terrain)
+    sense = add_attitude_errors(exact, mission.sensors, mission.rover.speed_m_s, [errors])
     driven = planners.rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
     write_quantized(
         folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven)

@@ -20,7 +20,8 @@ from sim.config.sensors import faults_of
 from sim.instruments.environment import record_payload
 from sim.instruments.lidar import scans_along
 from sim.simulate.simulated_drive import ONBOARD, Ending
-from sim.simulate.simulation import sensed_attitude, simulate_ideal, simulate_statistical
+from sim.simulate.simulation import simulate_ideal, simulate_statistical
+from sim.simulate.steering import add_attitude_errors
 from sim.world.moving_ice import assumed_motion, epoch_of
 from sim.world.site import World
 from survey.core.documents import write_json
@@ -146,7 +147,8 @@ def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey
         return route
     sense = planners.attitude_sensor(world.terrain)
     if mission.fidelity == "statistical":
-        sense = sensed_attitude(sense, mission)
+        errors = stream(mission.seed, "steering", "sensed")
+        sense = add_attitude_errors(sense, mission.sensors, mission.rover.speed_m_s, [errors])
     area = drivable_area(world, mission)
     return planners.rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
 

@@ -29,7 +29,8 @@ from sim.montecarlo.config import (
     Trial,
     TrialBlock,
 )
-from sim.simulate.simulation import sensed_attitudes, simulate_statistical
+from sim.simulate.simulation import simulate_statistical
+from sim.simulate.steering import add_attitude_errors
 from sim.world.site import erroneous_copy
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
@@ -148,7 +149,7 @@ def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     if steering is None:
         return [Driven(design, route, everyone)]
     trials = [(trial, design.label, design.swaths) for trial in world.trials]
-    sense = sensed_attitudes(
+    sense = add_attitude_errors(
         planners.attitude_sensor(world.dems),
         world.study.sensors,
         world.study.rover.speed_m_s,

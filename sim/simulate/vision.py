@@ -17,7 +17,7 @@ from sim.instruments.registry import Instruments, ReadingLog
 from sim.instruments.sensor import InstrumentSetup
 from sim.instruments.visual_measurements import stake_surveys, surveyed_stakes, truth_of_epoch
 from sim.simulate.assembly import Faults, camera_on_rover, rover_camera, rover_physics, stakes_beside
-from sim.simulate.navigation import Navigator, PoseEstimate, Start, SteeredPath
+from sim.simulate.navigator import Navigator, PoseEstimate, Start
 from sim.simulate.simulated_drive import (
     LOGGED_HZ,
     STANDING_S,
@@ -27,6 +27,7 @@ from sim.simulate.simulated_drive import (
     SimulatedDrive,
     heading_of,
 )
+from sim.simulate.steering import SteeredPath
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.fine_terrain import FineTerrain, fine_terrain

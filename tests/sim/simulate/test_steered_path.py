@@ -6,8 +6,9 @@ import pytest
 import planners
 from planners.steered_paths import WaypointSteering
 from sim.config.rover import PhysicsConfig
-from sim.simulate.navigation import PoseEstimate, SensedTilt, SteeredPath
+from sim.simulate.navigator import PoseEstimate
 from sim.simulate.simulated_drive import Ending
+from sim.simulate.steering import SensedTilt, SteeredPath
 from sim.simulate.vision import simulate_vision
 from sim.vehicle.pursuit import PurePursuit
 from survey import SurveyArea
