@@ -16,12 +16,12 @@ from sim.config.mission import AreaConfig as AreaConfig
 from sim.config.mission import DrawnSetting as DrawnSetting
 from sim.config.mission import MismatchConfig as MismatchConfig
 from sim.config.mission import MissionConfig as MissionConfig
-from sim.config.mission import RoverConfig as RoverConfig
 from sim.config.mission import ScoreConfig as ScoreConfig
 from sim.config.mission import SensorConfig as SensorConfig
 from sim.config.rover import FleetConfig as FleetConfig
 from sim.config.rover import PayloadConfig as PayloadConfig
 from sim.config.rover import PhysicsConfig as PhysicsConfig
+from sim.config.rover import RoverConfig as RoverConfig
 from sim.config.sensors import BarometerConfig as BarometerConfig
 from sim.config.sensors import CompassConfig as CompassConfig
 from sim.config.sensors import FaultConfig as FaultConfig

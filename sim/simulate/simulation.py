@@ -31,7 +31,8 @@ import numpy as np
 
 from planners import LawnmowerConfig
 from planners.routes.shortest_paths import FreeGround
-from sim.config.mission import AidsConfig, MissionConfig, RoverConfig, SensorConfig
+from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
+from sim.config.rover import RoverConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.world import SampleTerrain
 from sim.instruments.registry import SENSORS
