@@ -17,9 +17,10 @@ import numpy as np
 
 import planners
 from planners import LawnmowerConfig
+from planners.routes.replanning import with_way_home
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
-from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.simulate.simulation import simulate_statistical
 from survey.core.arrays import FloatArray, Progress
 from survey.core.crs import projected_crs
 from survey.core.streams import stream

@@ -20,7 +20,6 @@ from survey.data.route import Route
 from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
 from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
 from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
 from vision_slam.attitude import rotations
 
 _MAX_BEARING_RAD = np.radians(70.0)
@@ -293,8 +292,3 @@ def stake_surveys(
         return None
     sigma_m = mission.instruments.stakes.survey_sigma_m
     return surveyed_repeatedly(feet, ice, np.array([0.0, end_s]), sigma_m, mission.seed)
-
-
-def truth_of_epoch(truth: Truth, ice: MovingIce, epoch_s: float) -> Truth:
-    """Return the terrain of the epoch and the path in fixed coordinates, from those on the ice of the start of the drive."""
-    return Truth(ice.terrain_at(truth.dem, epoch_s), ice.carried(truth.trajectory))

@@ -17,12 +17,13 @@ import planners
 from planners.guarantee.survey_lines import fewest
 from planners.planning import planned_on, require_cover
 from planners.prediction import spread_places
+from planners.routes.replanning import with_way_home
 from planners.routes.rover import Crew
 from planners.routes.traversability import drivable
 from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.drives import localized
-from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
 from survey.core.errors import ConfigError, InputError

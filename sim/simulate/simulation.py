@@ -30,24 +30,22 @@ from typing import Literal
 import numpy as np
 
 from planners import LawnmowerConfig
-from planners.routes.shortest_paths import FreeGround
+from planners.routes.replanning import with_way_home as with_way_home  # noqa: PLC0414 - for sim.mission.stages
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.rover import RoverConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.world import SampleTerrain
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import StatisticalDrive
-from sim.instruments.visual_measurements import truth_of_epoch
 from sim.vehicle.motion import exact_drive, poses_at_rest
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from survey.core.arguments import check_types
 from survey.core.crs import same_crs
-from survey.core.errors import ConfigError, InputError
+from survey.core.errors import ConfigError
 from survey.core.streams import stream
-from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.recording import Recording
-from survey.data.route import Leg, Route
+from survey.data.route import Route
 from survey.data.sensors.records import GpsFixes
 from survey.data.truth import Truth
 
@@ -215,7 +213,8 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
     if mission.aids.start == "unknown":
         recording = with_unknown_start(recording, mission)
     if ice is not None:
-        return recording, truth_of_epoch(Truth(terrain, drive.trajectory), ice, epoch_of(recording, mission))
+        epoch_s = epoch_of(recording, mission)
+        return recording, ice.fixed_truth(Truth(terrain, drive.trajectory), epoch_s)
     return recording, Truth(terrain, trajectory)
 
 
@@ -229,15 +228,6 @@ def _drive(terrain: Dem, route: Route, mission: MissionConfig, ice: MovingIce | 
         starts = ice.starts(samples.xy, time_s)
         trajectory, attitude = poses_at_rest(terrain, starts, samples.heading_rad, time_s)
     return StatisticalDrive(terrain, route, trajectory, attitude, mission, ice)
-
-
-def with_way_home(route: Route, area: SurveyArea) -> Route:
-    """Append the shortest path on free ground from the end of a route back to its start."""
-    if route.n_rovers > 1:
-        raise InputError("aids.way_home is for one rover; leave it out, or set fleet.rovers = 1.")
-    start, end = route.legs[0].xy[0], route.legs[-1].xy[-1]
-    way = FreeGround(area.free).way(end, start)
-    return replace(route, legs=(*route.legs, Leg("transit", way)))
 
 
 def with_unknown_start(recording: Recording, mission: MissionConfig) -> Recording:

@@ -15,7 +15,7 @@ from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.instruments.registry import Instruments, ReadingLog
 from sim.instruments.sensor import InstrumentSetup
-from sim.instruments.visual_measurements import stake_surveys, surveyed_stakes, truth_of_epoch
+from sim.instruments.visual_measurements import stake_surveys, surveyed_stakes
 from sim.simulate.assembly import Faults, camera_on_rover, rover_camera, rover_physics, stakes_beside
 from sim.simulate.navigator import Navigator, PoseEstimate, Start
 from sim.simulate.simulated_drive import (
@@ -257,8 +257,6 @@ class _Run:
         zero = np.zeros((len(self._states), 3, 3))
         trajectory = Trajectory(motion.time_s, motion.position, motion.quaternion, zero, self._ground.crs)
         truth = Truth(self._ground.dem, trajectory)
-        return (
-            truth
-            if self._ice is None
-            else truth_of_epoch(truth, self._ice, epoch_of(recording, self._mission))
-        )
+        if self._ice is None:
+            return truth
+        return self._ice.fixed_truth(truth, epoch_of(recording, self._mission))

@@ -33,6 +33,7 @@ from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
+from survey.data.truth import Truth
 from survey.reconstruction.motion.epoch import route_on_ice
 from survey.reconstruction.motion.priors import VelocityRasters, motion_from_rasters
 
@@ -93,10 +94,14 @@ class MovingIce:
         moved = self.displacement(trajectory.position[:, :2], trajectory.time_s)
         return replace(trajectory, position=trajectory.position + moved)
 
+    def fixed_truth(self, truth: Truth, epoch_s: float) -> Truth:
+        """Return the terrain of an epoch and the path in fixed coordinates, from those on the ice of the start."""
+        return Truth(self.terrain_at(truth.dem, epoch_s), self.carried(truth.trajectory))
+
     def terrain_at(self, terrain: Dem, time_s: float) -> Dem:
         """Return the terrain at a time; beyond the edge it goes on as it is there.
 
-        `time_s`: time since then [s].
+        `time_s`: time since the start of the drive [s].
         """
         grid = terrain.grid()
         times = np.full(len(grid.xy), time_s)
