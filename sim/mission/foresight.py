@@ -22,14 +22,11 @@ from planners.routes.rover import Crew
 from planners.routes.traversability import drivable
 from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
-from sim.mission.drives import localized
+from sim.mission.localization import localize_recording
 from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.route import Route
+from survey import ConfigError, Dem, Grid, InputError, Route
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
@@ -191,7 +188,7 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     ground = _read_beyond(world.prior, world.area.bounds)
     route = _planned(mission, world)
     recording, _ = simulate_statistical(ground, route, mission)
-    found = localized(recording, mission)
+    found = localize_recording(recording, mission)
     path, points = found.trajectory, found.points
     if path.error is None:
         raise ConfigError("the mission has no odometry, so that shared errors are not known; add it.")

@@ -19,18 +19,18 @@ from matplotlib.figure import Figure
 from scipy.stats import beta
 
 from sim.config.mission import MissionConfig
-from sim.mission.fleet import endings, n_lost, with_drawn_losses
+from sim.mission.fleet import endings, n_lost
+from sim.mission.losses import with_drawn_losses
 from sim.mission.runs import current_versions, open_run, planned_place, refuse_other_versions, resolved_text
 from sim.mission.stages import run_mission
 from sim.simulate.simulated_drive import Ending
+from survey import FirnlineError, Route
 from survey.core.config import validated, with_overrides
 from survey.core.documents import read_json, write_json
-from survey.core.errors import FirnlineError
 from survey.core.executors import Engine, run_all
 from survey.core.files import replacing
 from survey.core.run_folder import RunFolder
 from survey.core.streams import stream
-from survey.data.route import Route
 from survey.figures import png_bytes
 from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, styled
 

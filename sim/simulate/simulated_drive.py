@@ -19,19 +19,19 @@ from sim.vehicle.motion import RoverState
 from sim.vehicle.pursuit import PurePursuit
 from sim.world.fine_terrain import FineTerrain
 from sim.world.hazards import Hazard
+from survey import InputError, Recording, Truth
 from survey.core.arrays import FloatArray
 from survey.core.documents import write_json
-from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.data.frames import Frames, Image
-from survey.data.recording import Recording
-from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_tum_list
 from survey.io.tables import write_table
 from survey.io.vector import write_features
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import write_visual_odometry
 
+DRIVE_FILE = "drive.json"
+"""How a drive ended, with its length, time and energy."""
 ONBOARD = "onboard"
 """Folder within the recording that holds the visual odometry of the onboard computer."""
 _ESTIMATE_COLUMNS = ("time_s", "easting_m", "northing_m", "heading_rad")
@@ -76,7 +76,7 @@ class SimulatedDrive:
         if self.visual_odometry is not None:
             write_visual_odometry(self.visual_odometry, folder / "recording" / ONBOARD)
         self.truth.write(folder / "truth")
-        write_json(folder / "drive.json", self._summary())
+        write_json(folder / DRIVE_FILE, self._summary())
         if self.estimates is not None:
             columns = dict(zip(_ESTIMATE_COLUMNS, self.estimates.T, strict=True))
             write_table(folder / "estimated.csv", columns)

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
-from sim.mission.drives import drive, mapped_points
+from sim.mission.drives import drive
 from sim.mission.fleet import (
     LOSS_FILE,
     accounts,
@@ -17,8 +17,9 @@ from sim.mission.fleet import (
     n_lost,
     n_ties,
     route_of,
-    with_drawn_losses,
 )
+from sim.mission.localization import mapped_points
+from sim.mission.losses import with_drawn_losses
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world
