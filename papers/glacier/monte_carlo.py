@@ -25,11 +25,10 @@ from sim.montecarlo.results import (
     write_rows,
 )
 from sim.montecarlo.study import run_study
-from survey import Route, SurveyArea
+from survey import Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
 from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.route import Leg
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled
 from survey.scoring import Coverage
 

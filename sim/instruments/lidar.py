@@ -16,11 +16,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from sim.config.sensors import LidarConfig
 from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import exact_drive
+from survey import Dem, Trajectory
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.dem import Dem
 from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner, minute_of, n_minutes
-from survey.data.trajectory import Trajectory
 
 _FLAT = 1e-12
 

@@ -12,14 +12,12 @@ from sim.config.sensors import StakeConfig
 from sim.instruments.sensor import StatisticalDrive, gauss_markov
 from sim.vehicle.motion import RoverMotion
 from sim.world.moving_ice import MovingIce
+from survey import Dem, Route, Trajectory
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.streams import stream
-from survey.data.dem import Dem
 from survey.data.landmarks import STRETCH_M, far_share
-from survey.data.route import Route
 from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
 from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
-from survey.data.trajectory import Trajectory
 from vision_slam.attitude import rotations
 
 _MAX_BEARING_RAD = np.radians(70.0)

@@ -32,9 +32,8 @@ from sim.montecarlo.config import (
 from sim.simulate.simulation import simulate_statistical
 from sim.simulate.steering import add_attitude_errors
 from sim.world.site import erroneous_copy
-from survey import Dem, Grid, Route, SurveyArea
+from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped

@@ -21,11 +21,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
+from survey import Camera, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.core.executors import FAILED_TO_START, UNGUARDED, settled
 from survey.core.streams import stream
-from survey.data.camera import Camera
 from survey.data.recording import Readings
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import Inertial

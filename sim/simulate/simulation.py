@@ -39,15 +39,11 @@ from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import exact_drive, poses_at_rest
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
+from survey import ConfigError, Dem, Recording, Route, Truth
 from survey.core.arguments import check_types
 from survey.core.crs import same_crs
-from survey.core.errors import ConfigError
 from survey.core.streams import stream
-from survey.data.dem import Dem
-from survey.data.recording import Recording
-from survey.data.route import Route
 from survey.data.sensors.records import GpsFixes
-from survey.data.truth import Truth
 
 logger = logging.getLogger(__name__)
 

@@ -32,14 +32,10 @@ from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.moving_ice import epoch_of, moving_ice
+from survey import ConfigError, Dem, InputError, Route, Trajectory, Truth
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
 from survey.data.frames import Frames, FrameWriter
 from survey.data.recording import Readings, Recording
-from survey.data.route import Route
-from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
 from vision_slam.odometry.odometer import VisualOdometry
 
 _MEMORY_S = 0.5

@@ -15,11 +15,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from planners import Rover
 from sim.config.rover import PhysicsConfig
+from survey import Dem, InputError, Route, Trajectory
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.dem import Dem
-from survey.data.route import Route
-from survey.data.trajectory import Trajectory
 
 Vector = tuple[float, float, float]
 

@@ -20,10 +20,9 @@ from scipy.interpolate import make_interp_spline
 from sim.config.world import SceneryConfig
 from sim.world import hazards
 from sim.world.hazards import FloatGrid, Ground, Hazard
+from survey import Dem, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.data.dem import Dem
 
 ByteGrid = npt.NDArray[np.uint8]
 

@@ -25,15 +25,10 @@ from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.config.world import IceAssumptions, IceConfig
 from sim.world.site import World
+from survey import ConfigError, Dem, InputError, Leg, Recording, Route, Trajectory, Truth
 from survey.core.arrays import FloatArray
 from survey.core.crs import same_crs
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
 from survey.data.ice_motion import IceMotion
-from survey.data.recording import Recording
-from survey.data.route import Leg, Route
-from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
 from survey.reconstruction.motion.epoch import route_on_ice
 from survey.reconstruction.motion.priors import VelocityRasters, motion_from_rasters
 
