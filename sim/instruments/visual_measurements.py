@@ -280,13 +280,3 @@ def _ends_of_swaths(trajectory: Trajectory, route: Route, n_stakes: int) -> IntA
     gaps = np.hypot(*(trajectory.position[:, None, :2] - ends[chosen][None]).transpose(2, 0, 1))
     nearest: IntArray = np.argmin(gaps, axis=0)
     return np.sort(nearest)
-
-
-def stake_surveys(
-    ice: MovingIce, feet: FloatArray, end_s: float, mission: MissionConfig
-) -> StakeSurveys | None:
-    """Return repeated surveys of stakes that stand at places (K, 3) at the start, or None where the mission has none."""
-    if not (len(feet) and ice.config.stake_surveys):
-        return None
-    sigma_m = mission.instruments.stakes.survey_sigma_m
-    return surveyed_repeatedly(feet, ice, np.array([0.0, end_s]), sigma_m, mission.seed)

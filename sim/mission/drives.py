@@ -20,7 +20,7 @@ from sim.mission.localization import path_scores as path_scores  # noqa: PLC0414
 from sim.mission.localization import with_ice_motion as with_ice_motion  # noqa: PLC0414 - for sim.mission.stages
 from sim.mission.losses import loss_on
 from sim.simulate.simulation import simulate_ideal, simulate_statistical
-from sim.simulate.steering import add_attitude_errors
+from sim.simulate.steering import SteeredPath, add_attitude_errors
 from sim.world.site import World
 from survey.core.streams import stream
 from survey.data.recording import table_file
@@ -66,7 +66,7 @@ def _drive_with_images(
             folder / "recording",
             navigate,
             steers=mission.physics.steer_by == "estimate",
-            steering=steering,
+            steered=None if steering is None else SteeredPath(steering),
         )
     (route if steering is None else steering.driven()).write(folder / "driven_route.geojson")
     driven.write(folder)

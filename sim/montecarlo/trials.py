@@ -15,8 +15,6 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from planners.prediction import places
-from sim.config.mission import MissionConfig
-from sim.config.world import RandomTerrain
 from sim.montecarlo.config import (
     ConditionalKind,
     Design,
@@ -29,7 +27,7 @@ from sim.montecarlo.config import (
     Trial,
     TrialBlock,
 )
-from sim.simulate.simulation import simulate_statistical
+from sim.simulate.simulation import mission_of_drive, simulate_statistical
 from sim.simulate.steering import add_attitude_errors
 from sim.world.site import erroneous_copy
 from survey import Dem, Grid, InputError, Route, SurveyArea
@@ -300,15 +298,8 @@ def _localized(
     design = driven.design
     seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))
     study = world.study
-    mission = MissionConfig(
-        schema_version=1,
-        name=study.name,
-        seed=seed,
-        terrain=RandomTerrain(source="random"),
-        planner=design.planner,
-        rover=study.rover,
-        sensors=study.sensors,
-        localization=study.localization,
+    mission = mission_of_drive(
+        seed=seed, rover=study.rover, sensors=study.sensors, localization=study.localization
     )
     recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
     result = localize(recording, mission.assumed)

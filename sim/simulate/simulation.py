@@ -25,7 +25,7 @@ The ideal fidelity samples the terrain along the route without errors.
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -119,13 +119,9 @@ def simulate(
     _refuse_other_fidelity(
         fidelity, {"sensors": sensors, "aids": aids}, {"instruments": instruments, "folder": folder}
     )
-    mission = MissionConfig(
-        schema_version=1,
-        name="drive",
+    mission = mission_of_drive(
         seed=seed,
         fidelity=fidelity,
-        terrain=SampleTerrain(source="srtm-sample"),  # not read: terrain and route are given
-        planner=LawnmowerConfig(swaths=1),
         rover=rover or RoverConfig(),
         sensors=sensors or SensorConfig(),
         aids=aids or AidsConfig(),
@@ -134,6 +130,13 @@ def simulate(
     if folder is not None:
         return _simulated_in_images(terrain, route, mission, Path(folder))
     return (simulate_ideal if fidelity == "ideal" else simulate_statistical)(terrain, route, mission)
+
+
+def mission_of_drive(**settings: Any) -> MissionConfig:
+    """Return a mission with some settings for a drive on given terrain along a given route."""
+    # Terrain and planner are not read: terrain and route are given.
+    terrain, planner = SampleTerrain(source="srtm-sample"), LawnmowerConfig(swaths=1)
+    return MissionConfig(schema_version=1, name="drive", terrain=terrain, planner=planner, **settings)
 
 
 def _refuse_other_fidelity(fidelity: str, drawn: dict[str, object], rendered: dict[str, object]) -> None:

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.instruments.registry import Instruments, ReadingLog
 from sim.instruments.sensor import InstrumentSetup
-from sim.instruments.visual_measurements import stake_surveys, surveyed_stakes
 from sim.simulate.assembly import Faults, camera_on_rover, rover_camera, rover_physics, stakes_beside
 from sim.simulate.navigator import Navigator, PoseEstimate, Start
 from sim.simulate.simulated_drive import (
@@ -36,7 +34,6 @@ from survey import ConfigError, Dem, InputError, Route, Trajectory, Truth
 from survey.core.arrays import FloatArray
 from survey.data.frames import Frames, FrameWriter
 from survey.data.recording import Readings, Recording
-from vision_slam.odometry.odometer import VisualOdometry
 
 _MEMORY_S = 0.5
 EDGE_M = 3.0
@@ -51,7 +48,7 @@ def simulate_vision(
     navigate: Callable[[Start], Navigator] | None = None,
     *,
     steers: bool = True,
-    steering: WaypointSteering | None = None,
+    steered: SteeredPath | None = None,
 ) -> SimulatedDrive:
     """Simulate a drive in the vision fidelity: physics, instruments and rendered images."""
     if folder.exists() and any(folder.iterdir()):
@@ -59,11 +56,12 @@ def simulate_vision(
     ground = fine_terrain(terrain, mission.scenery, mission.site_seed)
     path = route.path()
     _check(ground, path, mission)
-    run = _Run(ground, path, mission, None if steering is None else SteeredPath(steering))
+    run = _Run(ground, path, mission, steered)
     navigator = None if navigate is None else navigate(run.start)
     with FrameWriter(folder / "frames") as writer:
-        ending = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
-    return run.result(ending, folder)
+        ending, last = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
+        odometry = None if navigator is None else navigator.finish(last)
+    return replace(run.result(ending, folder), visual_odometry=odometry)
 
 
 def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
@@ -116,7 +114,6 @@ class _Run:
         look = self._faults.appearance(mission.appearance)
         self._rover_camera = camera_on_rover(ground, look, self._camera, mission)
         self._n_frames, self._frame_times = 0, list[float]()
-        self._visual_odometry: VisualOdometry | None = None
         self._estimates: list[tuple[float, ...]] = []
 
     def _setup(self) -> InstrumentSetup:
@@ -132,8 +129,10 @@ class _Run:
         camera = self._faults.calibration(self._camera)
         return Start(camera, self._faults.start(self._start), heading_of(self._states[0]))
 
-    def until_the_end(self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool) -> Ending:
-        """Drive until the drive ends."""
+    def until_the_end(
+        self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool
+    ) -> tuple[Ending, Readings]:
+        """Drive until the drive ends; return its ending and the readings after the last frame."""
         estimate: PoseEstimate | None = None
         while True:
             self._drive_on(estimate if steers else self._real_pose())
@@ -147,8 +146,7 @@ class _Run:
             if ending is not None:
                 last = self._read(RoverMotion.of(self._recent))
                 self._log.add(last)
-                self._visual_odometry = None if navigator is None else navigator.finish(last)
-                return ending
+                return ending, last
 
     def _real_pose(self) -> PoseEstimate:
         state = self._states[-1]
@@ -216,8 +214,7 @@ class _Run:
             self._states[-1].energy_j,
             self._pursuit.length_m,
             self._ground.hazards,
-            self._visual_odometry,
-            np.array(self._estimates) if self._estimates else None,
+            estimates=np.array(self._estimates) if self._estimates else None,
         )
 
     def _recording(self, ending: Ending, folder: Path) -> Recording:
@@ -228,16 +225,14 @@ class _Run:
                 "there is nothing to localize, drive longer or leave the receiver on."
             )
         frames = self._frames(folder / "frames")
-        if self._ice is not None:
-            records["stake_surveys"] = stake_surveys(self._ice, self._feet, self._states[-1].time_s, mission)
         return Recording(
             ground.crs,
             self._faults.start(self._start),
             antenna_height_m=mission.rover.antenna_height_m,
             vertical_datum=ground.vertical_datum,
-            stakes=surveyed_stakes(mission.instruments.stakes, self._feet, mission.seed),
             camera=None if frames is None else self._faults.calibration(self._camera),
             frames=frames,
+            **self._instruments.stake_tables(self._states[-1].time_s),
             **records,
         )
 

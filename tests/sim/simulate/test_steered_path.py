@@ -94,7 +94,7 @@ def test_a_drive_in_images_is_steered_by_its_own_accelerometer(tmp_path) -> None
             reference,
             mission(area={"bounds_m": [5.0, 5.0, 19.0, 19.0]}),
             tmp_path / f"recording{slope}",
-            steering=chosen,
+            steered=SteeredPath(chosen),
         )
         assert drive.ending is Ending.ARRIVED
         real = drive.truth.trajectory.position[:, :2]
