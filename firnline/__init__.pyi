@@ -44,9 +44,9 @@ from sim.config.world import SceneryConfig as SceneryConfig
 from sim.mission.runs import open_run as open_run
 from sim.mission.runs import read_mission as read_mission
 from sim.mission.stages import run_mission as run_mission
-from sim.samples import SampleSurvey as SampleSurvey
-from sim.samples import sample_survey as sample_survey
 from sim.simulate.simulation import simulate as simulate
+from sim.world.sample_survey import SampleSurvey as SampleSurvey
+from sim.world.sample_survey import sample_survey as sample_survey
 from sim.world.site import World as World
 from sim.world.site import build_world as build_world
 from survey.core.config import Section as Section
