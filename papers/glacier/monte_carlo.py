@@ -21,7 +21,7 @@ from sim.montecarlo.results import (
     draw_curves,
     error_curves,
     minimum_swaths,
-    summary,
+    summarize_trials,
     write_rows,
 )
 from sim.montecarlo.study import run_study
@@ -146,7 +146,7 @@ def _studied(
     study = _study(folder.name, kinds, maps, quick)
     place = folder / ("unfinished-quick" if quick else "unfinished")
     run_study(study, place, watch=lambda done, total: progress("trials", done, total))
-    rows = summary(place / "trials.parquet", study)
+    rows = summarize_trials(place / "trials.parquet", study)
     shutil.rmtree(place)
     return rows
 

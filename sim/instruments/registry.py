@@ -35,8 +35,8 @@ from sim.instruments.visual_measurements import (
     draw_stake_sightings,
     draw_stake_surveys,
     draw_stakes,
-    surveyed_repeatedly,
-    surveyed_stakes,
+    survey_repeatedly,
+    survey_stakes,
 )
 from sim.vehicle.motion import RoverMotion
 from survey.data.recording import Readings, table_types
@@ -131,12 +131,10 @@ class Instruments:
         """Return the tables of surveyed stakes after a drive: once before it, and on moving ice repeatedly until its end."""
         setup, ice = self._setup, self._setup.ice
         feet, config = setup.stakes, setup.config.stakes
-        tables: dict[str, Any] = {"stakes": surveyed_stakes(config, feet, setup.seed)}
+        tables: dict[str, Any] = {"stakes": survey_stakes(config, feet, setup.seed)}
         if ice is not None and ice.config.stake_surveys and len(feet):
             ends_s = np.array([0.0, end_s])
-            tables["stake_surveys"] = surveyed_repeatedly(
-                feet, ice, ends_s, config.survey_sigma_m, setup.seed
-            )
+            tables["stake_surveys"] = survey_repeatedly(feet, ice, ends_s, config.survey_sigma_m, setup.seed)
         return tables
 
 

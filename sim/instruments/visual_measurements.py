@@ -171,7 +171,7 @@ _BESIDE_M = 1.5
 _SEEN_SIGMA_M = 0.03
 
 
-def surveyed_stakes(config: StakeConfig, foot: FloatArray, seed: int) -> Stakes | None:
+def survey_stakes(config: StakeConfig, foot: FloatArray, seed: int) -> Stakes | None:
     """Return the stakes as surveyed, from their real places (K, 3) [m]; None without stakes."""
     rng = stream(seed, "instruments", "stakes", "survey")
     surveyed = foot + config.survey_sigma_m * rng.standard_normal(foot.shape)
@@ -233,12 +233,12 @@ def draw_stake_surveys(drive: StatisticalDrive) -> StakeSurveys | None:
     ice, aids = drive.ice, drive.mission.aids
     if ice is None or not (aids.stakes and ice.config.stake_surveys):
         return None
-    return surveyed_repeatedly(
+    return survey_repeatedly(
         _stake_feet(drive)[0], ice, drive.trajectory.time_s[[0, -1]], aids.stake_sigma_m, drive.mission.seed
     )
 
 
-def surveyed_repeatedly(
+def survey_repeatedly(
     foot: FloatArray, ice: MovingIce, ends_s: FloatArray, sigma_m: float, seed: int
 ) -> StakeSurveys:
     """Return surveys of stakes that stand at places (K, 3) at the start, evenly between two times."""

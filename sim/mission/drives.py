@@ -26,7 +26,9 @@ from survey.core.streams import stream
 from survey.data.recording import table_file
 
 
-def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1) -> None:
+def simulate_drive(
+    world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1
+) -> None:
     """Drive a route of one rover over the real terrain and record what the rover senses."""
     if mission.fidelity == "vision":
         _drive_with_images(world, route, mission, folder, workers)
@@ -38,7 +40,7 @@ def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Pat
 
 def _drive_by_error_models(world: World, route: survey.Route, mission: MissionConfig, folder: Path) -> None:
     """Follow a route exactly, up to where the rover is lost, draw what it senses, and write the drive."""
-    route = steered(route, world, mission)
+    route = steer_route(route, world, mission)
     loss = loss_on(route, mission)
     if loss is not None:
         route = cut_short(route, loss)
@@ -94,7 +96,7 @@ def drivable_area(world: World, mission: MissionConfig) -> survey.SurveyArea:
     return planners.drivable(world.area, mission.rover, world.prior).within(world.area)
 
 
-def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
+def steer_route(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
     """Return the route as driven without images: steered patterns follow the attitude that the rover senses."""
     steering = planners.steering_of(mission.planner)
     if steering is None:

@@ -20,7 +20,7 @@ import vision_slam
 from planners.routes.replanning import Loss, cut_short, remaining_swaths, replanned
 from planners.routes.shortest_paths import FreeGround
 from sim.config.mission import MissionConfig
-from sim.mission.drives import drivable_area, drive
+from sim.mission.drives import drivable_area, simulate_drive
 from sim.mission.localization import estimate_drive, seen_drive
 from sim.mission.losses import account_of_losses, loss_on, with_drawn_losses, write_account
 from sim.simulate.simulated_drive import DRIVE_FILE, Ending
@@ -83,7 +83,7 @@ def drive_alone(
 ) -> None:
     """Drive the route of a single rover; state how the drive ended where the rover is lost."""
     alone = with_drawn_losses(route, mission).of_rover(0)
-    drive(world, route, alone, folder, workers)
+    simulate_drive(world, route, alone, folder, workers)
     if alone.fidelity != "vision" and loss_on(route, alone) is not None:
         write_account(world, route, alone, folder)
 
@@ -114,7 +114,7 @@ def drive_rover(mission: MissionConfig, route: survey.Route, folder: Path, rover
     place.mkdir(parents=True)
     world = build_world(mission)
     with threadpool_limits(limits=1):  # one order of sums, in this process and in others
-        drive(world, own, alone, place)
+        simulate_drive(world, own, alone, place)
         if mission.fidelity != "vision":
             write_account(world, own, alone, place)
 

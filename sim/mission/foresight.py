@@ -74,7 +74,7 @@ class PredictedSurvey(NamedTuple):
         )
 
 
-def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) -> PredictedSurvey:
+def predict_survey(mission: MissionConfig, world: World, *, limit_m: float) -> PredictedSurvey:
     r"""Predict the error of the map of a mission, with all that its landmarks share.
 
     With the joint covariance C of M nodes the mean squared error has the mean tr C / M and
@@ -167,7 +167,7 @@ def _fewest_swaths(
     @cache
     def predicted(swaths: int) -> PredictedSurvey:
         sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
-        return predicted_survey(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
+        return predict_survey(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
 
     nth = fewest(
         lambda n: predicted(counts[n - 1]).chance >= probability,

@@ -14,7 +14,7 @@ import survey
 from sim.mission.derived_maps import HAZARDS, PAYLOAD
 from sim.mission.fleet import LOSS_FILE, drive_folders, n_ties
 from sim.mission.localization import LANDMARKS, SCAN_POINTS, mapped_points
-from sim.simulate.simulated_drive import DRIVE_FILE, animated
+from sim.simulate.simulated_drive import DRIVE_FILE, animate_frames
 from survey import Recording, Truth
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
@@ -143,7 +143,7 @@ def _on_board(simulated: Path) -> OnBoard | None:
         return None
     return OnBoard(
         tracks=tracks_on_frames(recording),
-        video=animated(recording.frames),
+        video=animate_frames(recording.frames),
         estimated=_estimated_on_board(simulated / "estimated.csv"),
     )
 

@@ -147,12 +147,6 @@ class DriveMonitor:
         return next((ending for ending, is_so in reasons.items() if is_so), None)
 
 
-def heading_of(state: RoverState) -> float:
-    """Return the heading of a state, counter-clockwise from east [rad]."""
-    x, y, z, w = state.quaternion
-    return float(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
-
-
 def _is_stalled(states: Sequence[RoverState]) -> bool:
     """Return whether the rover is where it was some time ago."""
     n = round(_STALLED_S * STEERED_HZ)
@@ -193,7 +187,7 @@ def write_preview(frames: Frames, path: Path) -> None:
         writer.release()
 
 
-def animated(frames: Frames, n_shown: int = 60) -> bytes:
+def animate_frames(frames: Frames, n_shown: int = 60) -> bytes:
     """Return frames at equal steps of the drive as an animated WebP, six a second, for a page that plays no videos."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, n_shown).round().astype(int))
     pictures = [Picture.fromarray(_coloured(_small(frames[int(k)], 400))[:, :, ::-1]) for k in chosen]

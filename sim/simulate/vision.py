@@ -23,7 +23,6 @@ from sim.simulate.simulated_drive import (
     DriveMonitor,
     Ending,
     SimulatedDrive,
-    heading_of,
 )
 from sim.simulate.steering import SteeredPath
 from sim.vehicle.motion import RoverMotion
@@ -127,7 +126,7 @@ class _Run:
     def start(self) -> Start:
         """Start as given to a navigator."""
         camera = self._faults.calibration(self._camera)
-        return Start(camera, self._faults.start(self._start), heading_of(self._states[0]))
+        return Start(camera, self._faults.start(self._start), self._states[0].heading_rad)
 
     def until_the_end(
         self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool
@@ -153,7 +152,7 @@ class _Run:
         xy = np.array(state.position[:2])
         if self._ice is not None:
             xy = xy + self._ice.displacement(xy[None], np.array([state.time_s]))[0, :2]
-        return PoseEstimate(xy, heading_of(state))
+        return PoseEstimate(xy, state.heading_rad)
 
     def _drive_on(self, estimate: PoseEstimate | None) -> None:
         """Drive for one period of the steering; stand still in the first second and without an estimate."""

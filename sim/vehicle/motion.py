@@ -58,6 +58,12 @@ class RoverState(NamedTuple):
     rolled_m: tuple[float, float]
     energy_j: float
 
+    @property
+    def heading_rad(self) -> float:
+        """Heading, counter-clockwise from east [rad]."""
+        x, y, z, w = self.quaternion
+        return float(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
+
 
 class Physics(Protocol):
     """Physics of a rover, in steps of fixed length at commanded track speeds."""

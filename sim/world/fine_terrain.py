@@ -161,7 +161,7 @@ def _built(site: _Site, config: SceneryConfig, seed: int) -> FineTerrain:
         _bytes(ground.tone),
         _bytes(ground.water),
         _bytes(ground.openness),
-        tuple(hazards.placed(hazard, transform) for hazard in found),
+        tuple(hazards.place_hazard(hazard, transform) for hazard in found),
     )
 
 
@@ -218,7 +218,7 @@ def _add_hazards(ground: Ground, config: SceneryConfig, seed: int) -> list[Hazar
         "bridges": lambda: hazards.bridged_crevasse(ground, rng["bridges"]),
         "cones": lambda: hazards.dirt_cone(ground, rng["cones"]),
     }
-    return [hazard for name in carve for hazard in hazards.carved(ground, count[name], carve[name])]
+    return [hazard for name in carve for hazard in hazards.carve_hazards(ground, count[name], carve[name])]
 
 
 def _densities(config: SceneryConfig) -> dict[str, float]:

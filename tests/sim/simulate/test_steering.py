@@ -7,7 +7,7 @@ from planners import PiecewiseContinuousConfig
 from planners.steering import AttitudeSensor
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
-from sim.mission.drives import _steering_on_the_way, steered
+from sim.mission.drives import _steering_on_the_way, steer_route
 from sim.simulate.steering import add_attitude_errors
 from sim.world.site import build_world
 from survey.core.streams import stream
@@ -75,7 +75,7 @@ def test_the_route_follows_what_is_sensed_and_not_the_ground_itself() -> None:
     }.items():
         world = build_world(config)
         route = planners.plan(world.area, world.prior, config.planner, rover=config.rover)
-        driven[name] = np.vstack([leg.xy for leg in steered(route, world, config).legs])
+        driven[name] = np.vstack([leg.xy for leg in steer_route(route, world, config).legs])
     np.testing.assert_array_equal(driven["exact"], driven["ideal"])
     assert (
         driven["errors"].shape != driven["ideal"].shape
