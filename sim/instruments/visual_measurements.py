@@ -90,6 +90,7 @@ def _visible_ground(
     pose = np.repeat(np.arange(len(travel)), rng.poisson(sensors.landmarks_per_m * travel))
     near, far = sensors.landmark_range_m
     share = rng.random(len(pose))
+    # The inverse of the distribution function of ranges with a density ∝ r^(-3/2).
     ground_m = (near**-0.5 - share * (near**-0.5 - far**-0.5)) ** -2.0
     bearing = attitude[pose, 2] + rng.uniform(-_MAX_BEARING_RAD, _MAX_BEARING_RAD, len(pose))
     xy = trajectory.position[pose, :2] + ground_m[:, None] * np.column_stack(
@@ -104,6 +105,7 @@ def _visible_ground(
 def _clear(terrain: Dem, eye: FloatArray, place: FloatArray) -> BoolArray:
     """Return which lines of sight stay above the ground, tested at 24 places along each."""
     clear = np.ones(len(eye), dtype=np.bool_)
+    # Short of the place itself, which lies on the ground.
     for share in np.linspace(0.05, 0.96, 24):
         on_ray = eye + share * (place - eye)
         clear &= ~(terrain.at(on_ray[:, :2]) > on_ray[:, 2])

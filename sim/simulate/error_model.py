@@ -189,6 +189,7 @@ def fit_sensor_errors(drives: Sequence[DriveErrors], correlation_m: float = APAR
 
 def _wandering_and_walk(driven: Sequence[OdometryErrors], correlation_m: float) -> tuple[float, float]:
     """Return σ of the correlated heading error [deg], and its random walk [deg per root metre]."""
+    # Two equations for two unknowns: the correlated part saturates with distance, the random walk grows on.
     near, far = _mean_square_change(APART_M, correlation_m), _mean_square_change(FAR_APART_M, correlation_m)
     change = mean_square_change_deg2(driven, [2])
     long_enough = [drive for drive in driven if drive.length_m.sum() > 2.0 * FAR_APART_M]

@@ -39,7 +39,10 @@ from vision_slam.pipeline import image_config
 _SURVEYED_DEG = 1.0
 """Standard deviation of the heading at the start [deg]."""
 LATE_FRAMES = 2
-"""Delay of the estimate in frames, during which the onboard computer processes the next ones."""
+"""Delay of the estimate in frames, during which the onboard computer processes the next ones.
+
+The delay is fixed, so that the drive does not depend on the load of the machine.
+"""
 _MEMORY_S = 5.0
 # Relative error of distances without vision, which wheels and gyro bridge.
 _BRIDGED_ERROR = 0.05
@@ -228,6 +231,7 @@ class DeadReckoning:
             self._wheels = np.vstack([self._wheels, np.column_stack([readings.wheels.time_s, rolled])])
         if readings.inertial is not None:
             rates = readings.inertial.gyro_rad_s[:, 2]
+            # Before it has rolled a millimetre the rover stands still, and all that the gyro shows is its bias.
             if self._wheels[-1, 1] < 1e-3:
                 self._resting.append(rates)
                 self._bias = float(np.median(np.concatenate(self._resting)))

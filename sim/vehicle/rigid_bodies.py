@@ -390,6 +390,7 @@ class MujocoBodies:
 
     def _drive(self) -> None:
         """Set the torques of both tracks' motors; the integral stops where the torque is bounded."""
+        # MuJoCo's own speed controller needs an implicit integrator, which does not support this contact solver.
         turning = self._turning.tolist()
         for track in (0, 1):
             mean = added(turning[track * N_WHEELS : (track + 1) * N_WHEELS]) / N_WHEELS
@@ -418,6 +419,7 @@ class MujocoBodies:
     def _orient_contacts(self) -> None:
         """Turn the contacts' frames along the tracks, and set friction along and across them."""
         contacts = self.data.contact
+        # Tracks hold less across than along them; the engine's own frames do not follow the tracks.
         if self.data.ncon:
             across = self._friction * self._lateral_share
             contacts.solreffriction[:] = _SLIP
@@ -522,6 +524,7 @@ def _rotation(w: float, x: float, y: float, z: float) -> FloatArray:
     )
 
 
+# Bullet takes minutes to load a site at 0.25 m, and rovers fell through such a large field: a patch follows the rover.
 _PATCH_M = 40.0
 _MOVED_M = 10.0
 _RESISTED_FROM_M_S = 0.05

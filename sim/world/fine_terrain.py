@@ -249,6 +249,7 @@ def band_limited_field(
     shortest and longest wavelength, across the forms [m]. `stretch`, `angle`: forms are `stretch` times
     longer in the direction `angle` (from the columns' axis towards the rows') [rad].
     """
+    # The transform is periodic: without a margin the opposite sides of a site would be alike.
     pad = 0 if periodic else int(np.ceil(min(wavelengths_m[1], 40.0) / step_m))
     rows, columns = (n if periodic else fft.next_fast_len(n + pad, real=True) for n in shape)
     x = fft.rfftfreq(columns, step_m).astype(np.float32)[None, :]

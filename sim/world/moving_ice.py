@@ -68,6 +68,7 @@ class MovingIce:
         """Return the melt since the start of the drive (N,) [m]."""
         config, turn = self.config, 2.0 * np.pi / _DAY_S
         begin = turn * (3600.0 * config.start_hour - _WARMEST_S)
+        # The integral of a melt rate that varies with the hour, most at 14 h.
         wave = (np.sin(turn * time_s + begin) - np.sin(begin)) / turn
         melted: FloatArray = config.melt_m_per_day / _DAY_S * (time_s + config.diurnal_share * wave)
         return melted
@@ -80,6 +81,7 @@ class MovingIce:
     def starts(self, xy: FloatArray, time_s: FloatArray) -> FloatArray:
         """Return where the ice that is at places (N, 2) at some times was at the start [m]."""
         places = xy
+        # Fixed-point iteration: the velocity is that of the place at the start, which is sought.
         for _ in range(_PASSES):
             places = xy - self.displacement(places, time_s)[:, :2]
         return places
