@@ -15,7 +15,7 @@ from benchmarks.fidelities import mission_of, site_of, surveyed
 from benchmarks.report import Row, main
 from benchmarks.vision_mission import CLASS_3_M, PLANNERS
 from planners import plan
-from sim.mission.drives import steered
+from sim.mission.drives import steer_route
 from survey.core.arrays import FloatArray
 
 PATTERNS: dict[str, tuple[str, ...]] = {
@@ -69,7 +69,7 @@ def _survey(settings: tuple[str, ...], seed: int) -> tuple[float, float]:
     mission = mission_of((f"seed={seed}", *settings))
     world, site = site_of(mission)
     planned = plan(world.area, world.prior, mission.planner, rover=mission.rover)
-    route = steered(planned, world, mission)
+    route = steer_route(planned, world, mission)
     return surveyed(site, route, mission, seed).rmse_m, route.length_m
 
 

@@ -41,7 +41,7 @@ IMAGES = SensorConfig(
     landmark_cross_sigma_m=(0.0111, 0.00366),
     landmark_along_sigma_m=(0.0775, 0.000571),
 )
-"""What `sim.simulate.error_model.fitted` made of the surveys of the seeds 51 to 53, 61 and 62 and the mission of seed 81."""
+"""What `sim.simulate.error_model.fit_sensor_errors` made of the surveys of the seeds 51 to 53, 61 and 62 and the mission of seed 81."""
 AIDS = AidsConfig(accelerometer=True, turn_at_start=False)
 RECEIVER = "GPS of 60 s"
 N_DRAWS = int(os.environ.get("FIRNLINE_DRAWS", "12"))

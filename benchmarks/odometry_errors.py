@@ -28,10 +28,10 @@ from benchmarks.report import Row, main
 from sim.simulate.error_model import (
     STRETCH_M,
     OdometryErrors,
-    changed,
-    changing,
+    correlated_sigma_deg,
+    mean_square_change_deg2,
     odometry_errors,
-    rms,
+    root_mean_square,
 )
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import Recording
@@ -112,24 +112,31 @@ def fitted(drives: list[Drive]) -> Iterator[Row]:
     images, config = LocalizationConfig().images, LocalizationConfig()
     errors = [drive.errors for drive in drives]
     heading = np.array([error.attitude_deg[0, 2] for error in errors])
-    yield _beside("heading at the start, by compass", rms(heading), "deg", images.heading_sigma_deg)
+    yield _beside(
+        "heading at the start, by compass", root_mean_square(heading), "deg", images.heading_sigma_deg
+    )
     levelled = np.array([error.attitude_deg[:, :2].mean(axis=0) for error in errors])
-    yield _beside("roll and pitch, constant part", rms(levelled), "deg", images.tilt_bias_sigma_deg)
-    tilt_deg = changing(errors, [0, 1], images.attitude_correlation_m)
+    yield _beside(
+        "roll and pitch, constant part", root_mean_square(levelled), "deg", images.tilt_bias_sigma_deg
+    )
+    tilt_deg = correlated_sigma_deg(errors, [0, 1], images.attitude_correlation_m)
     yield _beside("roll and pitch, changing part", tilt_deg, "deg", images.tilt_sigma_deg)
     n_torn = sum(int(error.is_torn.sum()) for error in errors)
     yield Row("stretches of 5 m that were followed wrongly", float(n_torn), "1")
     scales = [error.scale[~error.is_torn] for error in errors]
-    mean = rms(np.array([scale.mean() for scale in scales]))
+    mean = root_mean_square(np.array([scale.mean() for scale in scales]))
     yield _beside("scale, over a drive", 100.0 * mean, "%", 100.0 * images.scale_sigma)
     sigma, length_m = _wander(scales)
     yield _beside("scale, changing part", 100.0 * sigma, "%", 100.0 * images.scale_wander_sigma)
     yield Row("scale, correlation length", length_m, "m", f"assumed {images.scale_wander_m:g}")
     aside = np.concatenate([error.aside[~error.is_torn] for error in errors])
-    yield _beside("sideways and upwards, per root metre", rms(aside), "m", images.step_sigma_m)
+    yield _beside("sideways and upwards, per root metre", root_mean_square(aside), "m", images.step_sigma_m)
     turns = [_in_turns(drive.errors.scale * drive.errors.length_m, drive) for drive in drives]
     yield _beside(
-        "turns, along the way, per root radian", rms(np.concatenate(turns)), "m", images.turn_sigma_m
+        "turns, along the way, per root radian",
+        root_mean_square(np.concatenate(turns)),
+        "m",
+        images.turn_sigma_m,
     )
     yield from _wheels(drives, config)
 
@@ -141,13 +148,18 @@ def _wheels(drives: list[Drive], config: LocalizationConfig) -> Iterator[Row]:
         share = float(drive.wheels_m[straight].sum() / length[straight].sum())
         left = drive.wheels_m - share * length
         shares.append(share)
-        noise.append(rms(left[straight] / np.sqrt(length[straight])))
+        noise.append(root_mean_square(left[straight] / np.sqrt(length[straight])))
         skid.append(_in_turns(drive.wheels_m, drive))
     yield _beside(
-        "wheels: share that lasts", 100.0 * rms(np.array(shares)), "%", 100.0 * config.wheel_scale_sigma
+        "wheels: share that lasts",
+        100.0 * root_mean_square(np.array(shares)),
+        "%",
+        100.0 * config.wheel_scale_sigma,
     )
-    yield _beside("wheels: random, per root metre", rms(np.array(noise)), "m", config.wheel_step_sigma_m)
-    skidding = rms(np.concatenate(skid))
+    yield _beside(
+        "wheels: random, per root metre", root_mean_square(np.array(noise)), "m", config.wheel_step_sigma_m
+    )
+    skidding = root_mean_square(np.concatenate(skid))
     yield _beside("wheels: skidding per root radian", skidding, "m", config.wheel_skid_m)
 
 
@@ -162,7 +174,7 @@ def _in_turns(along: FloatArray, drive: Drive) -> FloatArray:
 def _heading_over(drives: list[Drive], far_m: float) -> Row:
     """How much the error of the heading changes over a distance, beside what is assumed."""
     images = LocalizationConfig().images
-    change = float(np.sqrt(changed([drive.errors for drive in drives], [2], far_m)))
+    change = float(np.sqrt(mean_square_change_deg2([drive.errors for drive in drives], [2], far_m)))
     forgotten = 2.0 * images.yaw_sigma_deg**2 * (1.0 - np.exp(-far_m / images.attitude_correlation_m))
     assumed = float(np.sqrt(forgotten + images.heading_walk_deg_sqrt_m**2 * far_m))
     return _beside(f"heading, change over {far_m:.0f} m", change, "deg", assumed)

@@ -20,7 +20,7 @@ from sim.instruments.dead_reckoning import InertialUnit
 from sim.instruments.gps import GPS_PROFILES, GpsReceiver
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import PurePursuit
-from sim.vehicle.rover import ContactRover
+from sim.vehicle.rigid_bodies import ContactRover
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream

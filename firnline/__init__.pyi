@@ -12,8 +12,8 @@ from planners.routes.rover import Rover as Rover
 from planners.routes.rover import RoverLimits as RoverLimits
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import MissionConfig as MissionConfig
-from sim.config.mission import RoverConfig as RoverConfig
 from sim.config.mission import SensorConfig as SensorConfig
+from sim.config.rover import RoverConfig as RoverConfig
 from sim.config.sensors import InstrumentsConfig as InstrumentsConfig
 from sim.config.sensors import LidarConfig as LidarConfig
 from sim.config.world import DemTerrain as DemTerrain
@@ -22,9 +22,9 @@ from sim.config.world import SampleTerrain as SampleTerrain
 from sim.mission.runs import open_run as open_run
 from sim.mission.runs import read_mission as read_mission
 from sim.mission.stages import run_mission as run_mission
-from sim.samples import SampleSurvey as SampleSurvey
-from sim.samples import sample_survey as sample_survey
 from sim.simulate.simulation import simulate as simulate
+from sim.world.sample_survey import SampleSurvey as SampleSurvey
+from sim.world.sample_survey import sample_survey as sample_survey
 from sim.world.site import World as World
 from sim.world.site import build_world as build_world
 from survey.core.errors import CapacityError as CapacityError

@@ -151,11 +151,12 @@ def rollout(
     `attitude_sensor`.
 
     >>> import planners
+    >>> from planners.registry import steering_of
     >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     >>> config = planners.RandomWanderConfig(swaths=2)
     >>> reference = planners.plan(area, None, config)
-    >>> level = lambda xy, heading: planners.Attitude(0.0 * heading, 0.0 * heading, heading)
-    >>> routes = rollout(area, reference, planners.steering_of(config), level, [np.random.default_rng(1)])
+    >>> level = lambda xy, heading: Attitude(0.0 * heading, 0.0 * heading, heading)
+    >>> routes = rollout(area, reference, steering_of(config), level, [np.random.default_rng(1)])
     >>> routes[0].length_m > reference.length_m
     True
     """
@@ -224,12 +225,13 @@ class WaypointSteering:
     and energy of the route so far.
 
     >>> import planners
+    >>> from planners.registry import steering_of
     >>> from survey.data.area import SurveyArea
     >>> area = SurveyArea.rectangle((0.0, 0.0, 100.0, 60.0), "EPSG:32608")
     >>> config = planners.PiecewiseContinuousConfig(swaths=2)
     >>> reference, rng = planners.plan(area, None, config), np.random.default_rng(1)
-    >>> path = WaypointSteering(reference, planners.steering_of(config), area.free, rng)
-    >>> path.next_stretch(planners.Attitude(np.zeros(1), np.zeros(1), np.zeros(1)))
+    >>> path = WaypointSteering(reference, steering_of(config), area.free, rng)
+    >>> path.next_stretch(Attitude(np.zeros(1), np.zeros(1), np.zeros(1)))
     array([[10., 15.]])
     """
 

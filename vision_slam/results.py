@@ -4,7 +4,7 @@
 which is imported when it is called. Rerun has pinhole cameras only, so that a fisheye image is a little out of place.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 

@@ -12,7 +12,7 @@ from benchmarks.fleet.sites import FAMILIES, on_site
 from benchmarks.mission_settings import stated_mission
 from benchmarks.report import cpu_seconds
 from sim.config.mission import MissionConfig
-from sim.mission.drives import register_scans
+from sim.mission.localization import register_scans
 from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.data.recording import Recording

@@ -92,8 +92,8 @@ def summary(run: RunFolder) -> dict[str, Any]:
 
 def _driven(folder: Path) -> dict[str, Any]:
     """Return how the drive ended, or that of each rover of a fleet, and what losses cost."""
-    from sim.mission.drives import DRIVE_FILE
     from sim.mission.fleet import LOSS_FILE, accounts, drive_folders
+    from sim.simulate.simulated_drive import DRIVE_FILE
 
     if drive_folders(folder) != [folder]:
         content: dict[str, Any] = {"drives": accounts(folder)}

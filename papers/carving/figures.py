@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 from papers.carving.world import CRS, HALF_M, N_TRAIN, NOISE_M, SENSOR_HEIGHT_M, CarvingWorld, ScanTrial
 from papers.emap.world import RasterHeights
 from papers.outputs import write_csv, write_figure
+from survey import Grid, SurfacePoints
 from survey.core.arrays import FloatArray, Progress
 from survey.core.streams import stream
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
 from survey.figures.style import (
     CLAIM,
     DENSITY,

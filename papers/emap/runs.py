@@ -20,9 +20,8 @@ from papers.emap.world import (
     utilities,
     weighted_mse_cm2,
 )
+from survey import InputError, SurfacePoints
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice

@@ -10,11 +10,10 @@ import numpy as np
 from numba import njit
 from scipy.special import erf
 
+from survey import InputError, SurfacePoints
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs import projected_crs
-from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.data.surface_points import SurfacePoints
 
 N_COLUMNS, N_BEAMS = 512, 64
 HALF_VIEW_DEG = 22.5

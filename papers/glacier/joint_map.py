@@ -17,17 +17,15 @@ import numpy as np
 
 import planners
 from planners import LawnmowerConfig
+from planners.routes.replanning import with_way_home
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
-from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.simulate.simulation import simulate_statistical
+from survey import Dem, Grid, SurveyArea, Trajectory
 from survey.core.arrays import FloatArray, Progress
 from survey.core.crs import projected_crs
 from survey.core.streams import stream
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
 from survey.data.sensors.odometry import Sightings
-from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.kernels import SquaredExponential

@@ -24,15 +24,14 @@ from sim.montecarlo.results import (
     draw_curves,
     error_curves,
     minimum_swaths,
-    summary,
+    summarize_trials,
     write_rows,
 )
 from sim.montecarlo.study import run_study
-from survey import Route, SurveyArea
+from survey import Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
 from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.route import Leg
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled
 from survey.scoring import Coverage
 
@@ -150,7 +149,7 @@ def _studied(
     study = _study(folder.name, kinds, maps, quick)
     place = folder / ("unfinished-quick" if quick else "unfinished")
     run_study(study, place, watch=lambda done, total: progress("trials", done, total))
-    rows = summary(place / "trials.parquet", study)
+    rows = summarize_trials(place / "trials.parquet", study)
     shutil.rmtree(place)
     return rows
 

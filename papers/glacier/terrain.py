@@ -24,14 +24,14 @@ from planners.steering import attitude_sensor
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.world import RandomTerrain, SceneryConfig
 from sim.montecarlo.results import SummaryRow, write_rows
-from sim.simulate.simulation import sensed_attitude, simulate_statistical
+from sim.simulate.simulation import simulate_statistical
+from sim.simulate.steering import add_attitude_errors
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
+from survey import Leg, Route, SurfacePoints
 from survey.core.arrays import FloatArray, Progress
 from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.route import Leg, Route
-from survey.data.surface_points import SurfacePoints
 from survey.figures.layout import add_colour_bar, map_figure
 from survey.figures.map_layers import (
     draw_area,
@@ -185,7 +185,9 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     steering = steering_of(config)
     if steering is None:
         raise TypeError("the piecewise-continuous pattern is steered")
-    sense = sensed_attitude(attitude_sensor(world.terrain), mission)
+    errors = stream(mission.seed, "steering", "sensed")
+    exact = attitude_sensor(world.terrain)
+    sense = add_attitude_errors(exact, mission.sensors, mission.rover.speed_m_s, [errors])
     driven = rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
     write_quantized(
         folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven)

@@ -1,4 +1,7 @@
-"""Replanning of a fleet's route after the loss of a rover: the others share the swaths that are left."""
+"""Changes of planned routes: replanning of a fleet after the loss of a rover, and a way home.
+
+After a loss the other rovers share the swaths that are left.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -10,7 +13,8 @@ from planners.routes.fleet import share
 from planners.routes.rover import Rover
 from planners.routes.shortest_paths import FreeGround
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
 
@@ -28,6 +32,15 @@ class Loss(NamedTuple):
     rover: int
     time_s: float
     progress_m: float
+
+
+def with_way_home(route: Route, area: SurveyArea) -> Route:
+    """Append the shortest path on free ground from the end of a route back to its start."""
+    if route.n_rovers > 1:
+        raise InputError("aids.way_home is for one rover; leave it out, or set fleet.rovers = 1.")
+    start, end = route.legs[0].xy[0], route.legs[-1].xy[-1]
+    way = FreeGround(area.free).way(end, start)
+    return replace(route, legs=(*route.legs, Leg("transit", way)))
 
 
 def cut_short(route: Route, loss: Loss) -> Route:

@@ -6,16 +6,14 @@ logarithm. `MissionConfig` is the file; terrain, rover and instruments have thei
 folder.
 """
 
-from math import atan, degrees
 from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
 
-from planners import Rover
 from planners.registry import PlannerConfig
-from sim.config.rover import FleetConfig, PayloadConfig, PhysicsConfig
+from sim.config.rover import FleetConfig, PayloadConfig, PhysicsConfig, RoverConfig
 from sim.config.sensors import FaultConfig, InstrumentsConfig, LidarConfig
 from sim.config.world import (
     AppearanceConfig,
@@ -172,38 +170,6 @@ class AreaConfig(Section):
         if self.file is not None and self.bounds_m is not None:
             raise ValueError("area.file and area.bounds_m exclude one another, give one of them")
         return self
-
-
-class RoverConfig(Rover):
-    """How the rover drives, what ground it can stand, and where its instruments sit."""
-
-    antenna_height_m: NonNegativeFloat = 0.5
-    """Height of the GPS antenna above the ground [m]."""
-    camera_height_m: PositiveFloat = 0.7
-    """Height of the camera above the ground [m]."""
-    max_step_m: PositiveFloat | None = None
-    """Largest difference of height over 2 m [m], for the hazards of the map; not checked when left out."""
-
-    def hazard_slope_deg(self, base_m: float) -> float | None:
-        """Return the steepest slope over a base that no limit forbids [deg]; None without limits.
-
-        Parameters
-        ----------
-        base_m : float
-            Base of slopes and steps [m].
-
-        Returns
-        -------
-        float or None
-            The least of the largest pitch, the largest roll and the slope of the largest step.
-
-        Examples
-        --------
-        >>> round(RoverConfig(max_pitch_deg=20.0, max_step_m=0.5).hazard_slope_deg(2.0), 1)
-        14.0
-        """
-        step_deg = None if self.max_step_m is None else degrees(atan(self.max_step_m / base_m))
-        return min((limit for limit in (self.max_slope_deg, step_deg) if limit is not None), default=None)
 
 
 class SensorConfig(Section):

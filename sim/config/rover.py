@@ -1,16 +1,50 @@
-"""Configuration of the rovers: physics of one, size of the fleet, and science payload.
+"""Configuration of the rovers: limits and physics of one, size of the fleet, and science payload.
 
+`RoverConfig` says how a rover drives, what ground it can stand, and where its instruments sit.
 `PhysicsConfig` holds tracks, motors and route following. `FleetConfig` gives the number of rovers and what happens when
 one is lost. `PayloadConfig` describes a scalar quantity, its sensor, and the simulated field that it measures.
 """
 
+from math import atan, degrees
 from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
-from planners import Fleet
+from planners import Fleet, Rover
 from survey.core.config import Section
 from survey.data.sensors.payload import Quantity
+
+
+class RoverConfig(Rover):
+    """How the rover drives, what ground it can stand, and where its instruments sit."""
+
+    antenna_height_m: NonNegativeFloat = 0.5
+    """Height of the GPS antenna above the ground [m]."""
+    camera_height_m: PositiveFloat = 0.7
+    """Height of the camera above the ground [m]."""
+    max_step_m: PositiveFloat | None = None
+    """Largest difference of height over 2 m [m], for the hazards of the map; not checked when left out."""
+
+    def hazard_slope_deg(self, base_m: float) -> float | None:
+        """Return the steepest slope over a base that no limit forbids [deg]; None without limits.
+
+        Parameters
+        ----------
+        base_m : float
+            Base of slopes and steps [m].
+
+        Returns
+        -------
+        float or None
+            The least of the largest pitch, the largest roll and the slope of the largest step.
+
+        Examples
+        --------
+        >>> round(RoverConfig(max_pitch_deg=20.0, max_step_m=0.5).hazard_slope_deg(2.0), 1)
+        14.0
+        """
+        step_deg = None if self.max_step_m is None else degrees(atan(self.max_step_m / base_m))
+        return min((limit for limit in (self.max_slope_deg, step_deg) if limit is not None), default=None)
 
 
 class PhysicsConfig(Section):

@@ -15,12 +15,11 @@ from sim.config.rover import PayloadConfig
 from sim.config.sensors import WeatherConfig
 from sim.instruments.sensor import Clock
 from sim.vehicle.motion import RoverMotion
+from survey import Dem, Truth
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.dem import Dem
 from survey.data.sensors.payload import PayloadLog
 from survey.data.sensors.records import Weather
-from survey.data.truth import Truth
 
 
 class WeatherField:

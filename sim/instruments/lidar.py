@@ -16,11 +16,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from sim.config.sensors import LidarConfig
 from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import exact_drive
+from survey import Dem, Trajectory
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.dem import Dem
 from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner, minute_of, n_minutes
-from survey.data.trajectory import Trajectory
 
 _FLAT = 1e-12
 
@@ -92,6 +91,7 @@ def _cast_rays(
             if i < 0 or j < 0 or i >= n_east - 1 or j >= n_north - 1 or (dz >= 0.0 and height > top):
                 break
             length = min(_to_edge(u - i, du), _to_edge(v - j, dv), farthest_m - travelled)
+            # Most patches lie below the ray: the equation is solved only where the patch may reach it.
             if height + min(dz * length, 0.0) <= highest[j, i]:
                 corners = z[j, i], z[j, i + 1], z[j + 1, i], z[j + 1, i + 1]
                 if not np.isfinite(highest[j, i]):
@@ -244,6 +244,7 @@ def _turn(setup: _Setup, scan: int, begin_s: float, rng: np.random.Generator) ->
     config, n_beams = setup.config, setup.rays.shape[1]
     start, direction = _pulses(setup, begin_s, rng)
     ground_m, cosine = setup.raster.hits(start, direction, config.range_m)
+    # Lambert's law: the echo falls with the cosine of incidence and the square of the range.
     is_returned = (ground_m > _NEAREST_M) & (ground_m <= config.reach_m * np.sqrt(cosine))
     range_m = np.where(is_returned, ground_m, np.inf) + config.range_sigma_m * rng.standard_normal(
         len(ground_m)

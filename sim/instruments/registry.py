@@ -35,6 +35,8 @@ from sim.instruments.visual_measurements import (
     draw_stake_sightings,
     draw_stake_surveys,
     draw_stakes,
+    survey_repeatedly,
+    survey_stakes,
 )
 from sim.vehicle.motion import RoverMotion
 from survey.data.recording import Readings, table_types
@@ -110,19 +112,30 @@ class Instruments:
             name: instrument for name, instrument in built.items() if instrument is not None
         }
         self._fixed = {sensor.name for sensor in SENSORS if sensor.is_fixed}
-        self._faults, self._ice = SensorFaults(faults, setup.seed), setup.ice
+        self._faults, self._setup = SensorFaults(faults, setup.seed), setup
 
     def read(self, motion: RoverMotion) -> Readings:
         """Return what is sensed up to the end of a stretch of motion that begins where the last one ended.
 
         On moving ice the motion is that relative to the ice of the start of the drive.
         """
-        fixed = motion if self._ice is None else motion.displaced(self._ice.displacement)
+        ice = self._setup.ice
+        fixed = motion if ice is None else motion.displaced(ice.displacement)
         records = {
             name: self._faults.apply(name, instrument.sense(fixed if name in self._fixed else motion))
             for name, instrument in self._instruments.items()
         }
         return Readings(**records)
+
+    def stake_tables(self, end_s: float) -> dict[str, Any]:
+        """Return the tables of surveyed stakes after a drive: once before it, and on moving ice repeatedly until its end."""
+        setup, ice = self._setup, self._setup.ice
+        feet, config = setup.stakes, setup.config.stakes
+        tables: dict[str, Any] = {"stakes": survey_stakes(config, feet, setup.seed)}
+        if ice is not None and ice.config.stake_surveys and len(feet):
+            ends_s = np.array([0.0, end_s])
+            tables["stake_surveys"] = survey_repeatedly(feet, ice, ends_s, config.survey_sigma_m, setup.seed)
+        return tables
 
 
 class SensorFaults:

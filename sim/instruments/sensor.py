@@ -16,11 +16,9 @@ from sim.config.mission import MissionConfig
 from sim.config.sensors import FaultConfig, InstrumentConfig, InstrumentsConfig
 from sim.vehicle.motion import RoverMotion
 from sim.world.moving_ice import MovingIce
+from survey import Dem, Route, Trajectory
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.dem import Dem
-from survey.data.route import Route
-from survey.data.trajectory import Trajectory
 
 
 class Moments(NamedTuple):

@@ -12,15 +12,12 @@ from sim.config.sensors import StakeConfig
 from sim.instruments.sensor import StatisticalDrive, gauss_markov
 from sim.vehicle.motion import RoverMotion
 from sim.world.moving_ice import MovingIce
+from survey import Dem, Route, Trajectory
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.streams import stream
-from survey.data.dem import Dem
 from survey.data.landmarks import STRETCH_M, far_share
-from survey.data.route import Route
 from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
 from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
-from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
 from vision_slam.attitude import rotations
 
 _MAX_BEARING_RAD = np.radians(70.0)
@@ -93,6 +90,7 @@ def _visible_ground(
     pose = np.repeat(np.arange(len(travel)), rng.poisson(sensors.landmarks_per_m * travel))
     near, far = sensors.landmark_range_m
     share = rng.random(len(pose))
+    # The inverse of the distribution function of ranges with a density ∝ r^(-3/2).
     ground_m = (near**-0.5 - share * (near**-0.5 - far**-0.5)) ** -2.0
     bearing = attitude[pose, 2] + rng.uniform(-_MAX_BEARING_RAD, _MAX_BEARING_RAD, len(pose))
     xy = trajectory.position[pose, :2] + ground_m[:, None] * np.column_stack(
@@ -107,6 +105,7 @@ def _visible_ground(
 def _clear(terrain: Dem, eye: FloatArray, place: FloatArray) -> BoolArray:
     """Return which lines of sight stay above the ground, tested at 24 places along each."""
     clear = np.ones(len(eye), dtype=np.bool_)
+    # Short of the place itself, which lies on the ground.
     for share in np.linspace(0.05, 0.96, 24):
         on_ray = eye + share * (place - eye)
         clear &= ~(terrain.at(on_ray[:, :2]) > on_ray[:, 2])
@@ -174,7 +173,7 @@ _BESIDE_M = 1.5
 _SEEN_SIGMA_M = 0.03
 
 
-def surveyed_stakes(config: StakeConfig, foot: FloatArray, seed: int) -> Stakes | None:
+def survey_stakes(config: StakeConfig, foot: FloatArray, seed: int) -> Stakes | None:
     """Return the stakes as surveyed, from their real places (K, 3) [m]; None without stakes."""
     rng = stream(seed, "instruments", "stakes", "survey")
     surveyed = foot + config.survey_sigma_m * rng.standard_normal(foot.shape)
@@ -236,12 +235,12 @@ def draw_stake_surveys(drive: StatisticalDrive) -> StakeSurveys | None:
     ice, aids = drive.ice, drive.mission.aids
     if ice is None or not (aids.stakes and ice.config.stake_surveys):
         return None
-    return surveyed_repeatedly(
+    return survey_repeatedly(
         _stake_feet(drive)[0], ice, drive.trajectory.time_s[[0, -1]], aids.stake_sigma_m, drive.mission.seed
     )
 
 
-def surveyed_repeatedly(
+def survey_repeatedly(
     foot: FloatArray, ice: MovingIce, ends_s: FloatArray, sigma_m: float, seed: int
 ) -> StakeSurveys:
     """Return surveys of stakes that stand at places (K, 3) at the start, evenly between two times."""
@@ -283,18 +282,3 @@ def _ends_of_swaths(trajectory: Trajectory, route: Route, n_stakes: int) -> IntA
     gaps = np.hypot(*(trajectory.position[:, None, :2] - ends[chosen][None]).transpose(2, 0, 1))
     nearest: IntArray = np.argmin(gaps, axis=0)
     return np.sort(nearest)
-
-
-def stake_surveys(
-    ice: MovingIce, feet: FloatArray, end_s: float, mission: MissionConfig
-) -> StakeSurveys | None:
-    """Return repeated surveys of stakes that stand at places (K, 3) at the start, or None where the mission has none."""
-    if not (len(feet) and ice.config.stake_surveys):
-        return None
-    sigma_m = mission.instruments.stakes.survey_sigma_m
-    return surveyed_repeatedly(feet, ice, np.array([0.0, end_s]), sigma_m, mission.seed)
-
-
-def truth_of_epoch(truth: Truth, ice: MovingIce, epoch_s: float) -> Truth:
-    """Return the terrain of the epoch and the path in fixed coordinates, from those on the ice of the start of the drive."""
-    return Truth(ice.terrain_at(truth.dem, epoch_s), ice.carried(truth.trajectory))

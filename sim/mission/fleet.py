@@ -11,41 +11,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 import survey
 from planners.routes.replanning import Loss, cut_short, remaining_swaths, replanned
-from planners.routes.rover import predicted
 from planners.routes.shortest_paths import FreeGround
 from sim.config.mission import MissionConfig
-from sim.config.sensors import FaultConfig
-from sim.mission.drives import (
-    DRIVE_FILE,
-    drivable_area,
-    drive,
-    estimate_drive,
-    loss_on,
-    write_account,
-)
-from sim.simulate.simulated_drive import ONBOARD, Ending
+from sim.mission.drives import drivable_area, simulate_drive
+from sim.mission.localization import estimate_drive, seen_drive
+from sim.mission.losses import account_of_losses, loss_on, with_drawn_losses, write_account
+from sim.simulate.simulated_drive import DRIVE_FILE, Ending
 from sim.world.site import World, build_world
 from survey.core.documents import read_json, write_json
 from survey.core.executors import run_all
-from survey.core.streams import stream
-from survey.data.recording import Recording
-from survey.data.route import Leg
 from survey.data.sensors.odometry import DriveTies
 from survey.reconstruction.joint.drives import SeveralDrives
-
-if TYPE_CHECKING:
-    from vision_slam.places.loop_closures import SeenDrive
-
+from vision_slam.places.loop_closures import detect_drive_ties
 
 LOSS_FILE = "losses.json"
 """Rovers that were lost, and what it cost."""
-_EARLIEST, _LATEST = 0.1, 0.9
 
 
 def rover_folder(folder: Path, rover: int) -> Path:
@@ -64,7 +50,7 @@ def route_of(route: survey.Route, rover: int) -> survey.Route:
     return replace(route, legs=legs, prediction={})
 
 
-def _numbered(leg: Leg, rover: int) -> Leg:
+def _numbered(leg: survey.Leg, rover: int) -> survey.Leg:
     return replace(leg, rover=rover)
 
 
@@ -89,7 +75,7 @@ def drive_fleet(
         _drive_each(changed, route, mission, folder, workers)
     route.write(folder / "driven_route.geojson")
     if losses:
-        write_json(folder / LOSS_FILE, _fleet_account(planned, route, losses, left_m, mission))
+        write_json(folder / LOSS_FILE, account_of_losses(planned, route, losses, left_m, mission))
 
 
 def drive_alone(
@@ -97,21 +83,9 @@ def drive_alone(
 ) -> None:
     """Drive the route of a single rover; state how the drive ended where the rover is lost."""
     alone = with_drawn_losses(route, mission).of_rover(0)
-    drive(world, route, alone, folder, workers)
+    simulate_drive(world, route, alone, folder, workers)
     if alone.fidelity != "vision" and loss_on(route, alone) is not None:
         write_account(world, route, alone, folder)
-
-
-def with_drawn_losses(route: survey.Route, mission: MissionConfig) -> MissionConfig:
-    """Return the mission with a fault for each rover that is drawn to be lost."""
-    drawn: list[FaultConfig] = []
-    for rover in range(route.n_rovers):
-        rng = stream(mission.seed, "fleet", "loss", rover)
-        if rng.random() < mission.fleet.loss_probability:
-            length_m = route_of(route, rover).length_m
-            at_s = rng.uniform(_EARLIEST, _LATEST) * length_m / mission.rover.speed_m_s
-            drawn.append(FaultConfig(component="tracks", failure="stopped", from_s=at_s, rover=rover + 1))
-    return mission.model_copy(update={"faults": (*mission.faults, *drawn)})
 
 
 def estimate_fleet(mission: MissionConfig, simulated: Path, folder: Path, workers: int) -> None:
@@ -140,7 +114,7 @@ def drive_rover(mission: MissionConfig, route: survey.Route, folder: Path, rover
     place.mkdir(parents=True)
     world = build_world(mission)
     with threadpool_limits(limits=1):  # one order of sums, in this process and in others
-        drive(world, own, alone, place)
+        simulate_drive(world, own, alone, place)
         if mission.fidelity != "vision":
             write_account(world, own, alone, place)
 
@@ -183,60 +157,17 @@ def _differs(before: survey.Route, after: survey.Route, rover: int) -> bool:
     return route_of(before, rover).legs != route_of(after, rover).legs
 
 
-def _fleet_account(
-    planned: survey.Route,
-    driven: survey.Route,
-    losses: Sequence[Loss],
-    left_m: Sequence[float],
-    mission: MissionConfig,
-) -> dict[str, Any]:
-    """Return who was lost, the swaths left out by the end, and what driving them again cost."""
-    before, after = (predicted(route.legs, mission.rover, crs=route.crs) for route in (planned, driven))
-    planned_m, driven_m = (sum(leg.length_m for leg in route.swaths) for route in (planned, driven))
-    return {
-        "lost": [
-            {
-                "rover": loss.rover + 1,
-                "time_s": round(loss.time_s, 1),
-                "progress_m": loss.progress_m,
-                "swaths_left_m": swaths_m,
-            }
-            for loss, swaths_m in zip(losses, left_m, strict=True)
-        ],
-        "on_loss": mission.fleet.on_loss,
-        "swaths_not_driven_m": max(planned_m - driven_m, 0.0),
-        "extra_length_m": after["length_m"] - before["length_m"],
-        "extra_time_s": after["time_s"] - before["time_s"],
-    }
-
-
 TIES_FILE = "ties.csv"
 """Places that rovers share, in the folder of their localization; there is none where they share none."""
 
 
 def find_ties(simulated: Path, localized: Path) -> None:
     """Write the places that rovers with images share."""
-    from vision_slam.places.loop_closures import (
-        detect_drive_ties,  # here, because OpenCV takes long to import
-    )
-
-    seen = [_seen(place, localized / place.relative_to(simulated)) for place in drive_folders(simulated)]
+    seen = [seen_drive(place, localized / place.relative_to(simulated)) for place in drive_folders(simulated)]
     drives = [drive for drive in seen if drive is not None]
     ties = detect_drive_ties(drives) if len(drives) == len(seen) > 1 else None
     if ties is not None:
         ties.write(localized / TIES_FILE)
-
-
-def _seen(simulated: Path, localized: Path) -> "SeenDrive | None":
-    """Return images, odometry and path of a drive; None without images."""
-    from vision_slam.odometry.onboard import read_visual_odometry
-    from vision_slam.places.loop_closures import SeenDrive
-
-    recording, odometry = Recording.read(simulated / "recording"), simulated / "recording" / ONBOARD
-    if recording.frames is None or recording.camera is None or not odometry.exists():
-        return None
-    path = survey.Trajectory.read(localized / "trajectory.csv", recording.crs)
-    return SeenDrive(recording.frames, recording.camera, read_visual_odometry(odometry), path)
 
 
 def tied_drives(

@@ -18,22 +18,18 @@ from planners.guarantee.survey_lines import smallest_sufficient
 from planners.planning import planned_on, require_cover
 from planners.prediction import spread_places
 from planners.registry import planner_of
+from planners.routes.replanning import with_way_home
 from planners.routes.rover import Crew
 from planners.routes.traversability import drivable
 from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
-from sim.mission.drives import localized
-from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.mission.localization import localize_recording
+from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.route import Route
-from survey.reconstruction import GaussianProcessConfig
+from survey import ConfigError, Dem, GaussianProcessConfig, Grid, InputError, Route, SurfacePoints
 from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.solution import JointSolution
 
 _N_NODES = 400
 _BEYOND_M = 60.0
@@ -80,7 +76,7 @@ class PredictedSurvey(NamedTuple):
         )
 
 
-def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) -> PredictedSurvey:
+def predict_survey(mission: MissionConfig, world: World, *, limit_m: float) -> PredictedSurvey:
     r"""Predict the error of the map of a mission, with all that its landmarks share.
 
     With the joint covariance C of M nodes the mean squared error has the mean tr C / M and
@@ -96,8 +92,10 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
         raise ConfigError(
             "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
         )
-    solution, route = _rehearsed(mission, world)
-    covariance = solution.terrain.covariance(spread_places(world.area, _N_NODES))
+    model, points, route = _model_of(mission, world)
+    covariance = model.solved(points, world.area.bounds).terrain.covariance(
+        spread_places(world.area, _N_NODES)
+    )
     n = len(covariance)
     mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
     tie_lines = mission.planner.tie_lines if isinstance(mission.planner, _SIZED) else 0
@@ -171,7 +169,7 @@ def _fewest_swaths(
     @cache
     def predicted(swaths: int) -> PredictedSurvey:
         sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
-        return predicted_survey(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
+        return predict_survey(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
 
     nth = smallest_sufficient(
         lambda n: predicted(counts[n - 1]).chance >= probability,
@@ -186,12 +184,12 @@ def cheapest(surveys: Iterable[PredictedSurvey]) -> PredictedSurvey | None:
     return min(surveys, key=lambda one: (round(one.length_m), one.stakes), default=None)
 
 
-def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Route]:
-    """Drive the mission over the prior, localize, and solve for the covariance of the map."""
+def _model_of(mission: MissionConfig, world: World) -> tuple[JointTerrain, SurfacePoints, Route]:
+    """Drive the mission over the prior and localize; return the joint model, its landmarks and the route."""
     ground = _read_beyond(world.prior, world.area.bounds)
     route = _planned(mission, world)
     recording, _ = simulate_statistical(ground, route, mission)
-    found = localized(recording, mission)
+    found = localize_recording(recording, mission)
     path, points = found.trajectory, found.points
     if path.error is None:
         raise ConfigError("the mission has no odometry, so that shared errors are not known; add it.")
@@ -203,7 +201,7 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     stated = joint.satellite.model_copy(update={"sigma_m": sigma_m})
     prior = world.prior if mission.reconstruction.use_prior else None
     model = JointTerrain(path.error, prior, config, joint.model_copy(update={"satellite": stated}))
-    return model.solved(points, world.area.bounds), route
+    return model, points, route
 
 
 def _planned(mission: MissionConfig, world: World) -> Route:

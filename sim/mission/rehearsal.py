@@ -19,18 +19,18 @@ from matplotlib.figure import Figure
 from scipy.stats import beta
 
 from sim.config.mission import MissionConfig
-from sim.mission.fleet import endings, n_lost, with_drawn_losses
+from sim.mission.fleet import endings, n_lost
+from sim.mission.losses import with_drawn_losses
 from sim.mission.runs import current_versions, open_run, planned_place, refuse_other_versions, resolved_text
 from sim.mission.stages import run_mission
 from sim.simulate.simulated_drive import Ending
+from survey import FirnlineError, Route
 from survey.core.config import validated, with_overrides
 from survey.core.documents import read_json, write_json
-from survey.core.errors import FirnlineError
 from survey.core.executors import Engine, run_all
 from survey.core.files import replacing
 from survey.core.run_folder import RunFolder
 from survey.core.streams import stream
-from survey.data.route import Route
 from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, png_bytes, styled
 
 CAUSES = {
@@ -66,7 +66,7 @@ def rehearsal_folder(mission: MissionConfig, runs: Path) -> Path:
     return place.with_name(f"rehearsal-{place.name}")
 
 
-def rehearse(
+def rehearse_mission(
     mission: MissionConfig,
     runs: Path,
     n_runs: int,
@@ -94,7 +94,7 @@ def rehearse(
     return folder
 
 
-def drawn_mission(mission: MissionConfig, run: int) -> tuple[MissionConfig, dict[str, float]]:
+def draw_mission(mission: MissionConfig, run: int) -> tuple[MissionConfig, dict[str, float]]:
     """Return the mission of one run, and the values of its drawn settings."""
     seed = int(stream(mission.seed, "rehearsal", run).integers(2**31))
     drawn = {
@@ -112,10 +112,10 @@ def outcomes(folder: Path, n_runs: int) -> list[dict[str, Any]]:
     return [read_json(_file(folder, k), "the outcome of a run") for k in range(n_runs)]
 
 
-def summarized(found: Sequence[dict[str, Any]]) -> RehearsalSummary:
+def summarize_outcomes(found: Sequence[dict[str, Any]]) -> RehearsalSummary:
     """Return the probability of the class, and the number of runs for each outcome.
 
-    >>> summary = summarized([{"cause": "met"}] * 9 + [{"cause": "lost"}])
+    >>> summary = summarize_outcomes([{"cause": "met"}] * 9 + [{"cause": "lost"}])
     >>> summary.probability, summary.counts["lost"]
     (0.9, 1)
     """
@@ -132,7 +132,7 @@ def _file(folder: Path, run: int) -> Path:
 
 def _rehearsed(mission: MissionConfig, number: int) -> dict[str, Any]:
     """Run one mission in a folder that is removed, and return its outcome."""
-    changed, drawn = drawn_mission(mission, number)
+    changed, drawn = draw_mission(mission, number)
     facts: dict[str, Any] = {"run": number + 1, "seed": changed.seed, "drawn": drawn}
     with tempfile.TemporaryDirectory() as place:
         try:

@@ -12,15 +12,14 @@ import numpy as np
 
 import survey
 from sim.mission.derived_maps import HAZARDS, PAYLOAD
-from sim.mission.drives import DRIVE_FILE, LANDMARKS, SCAN_POINTS, mapped_points
 from sim.mission.fleet import LOSS_FILE, drive_folders, n_ties
-from sim.simulate.simulated_drive import animated
+from sim.mission.localization import LANDMARKS, SCAN_POINTS, mapped_points
+from sim.simulate.simulated_drive import DRIVE_FILE, animate_frames
+from survey import Recording, Truth
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
 from survey.core.run_folder import RunFolder
-from survey.data.recording import Recording
 from survey.data.sensors.payload import Quantity
-from survey.data.truth import Truth
 from survey.io.tables import read_table
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reporting.page import write_report
@@ -144,7 +143,7 @@ def _on_board(simulated: Path) -> OnBoard | None:
         return None
     return OnBoard(
         tracks=tracks_on_frames(recording),
-        video=animated(recording.frames),
+        video=animate_frames(recording.frames),
         estimated=_estimated_on_board(simulated / "estimated.csv"),
     )
 

@@ -20,7 +20,8 @@ from pydantic import (
 )
 
 from planners.registry import PlannerConfig, planner_config
-from sim.config.mission import SCHEMA_VERSION, PlacedSection, RoverConfig, SensorConfig
+from sim.config.mission import SCHEMA_VERSION, PlacedSection, SensorConfig
+from sim.config.rover import RoverConfig
 from sim.config.world import SatelliteConfig, TerrainFamily
 from survey.core.config import Section, read_toml, refuse_newer_schema, validated, with_overrides
 from survey.core.errors import ConfigError

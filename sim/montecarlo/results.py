@@ -117,7 +117,7 @@ _WANTED_SHARE = 0.9
 SummaryRow = dict[str, Any]
 
 
-def summary(table: Path, study: StudyConfig) -> list[SummaryRow]:
+def summarize_trials(table: Path, study: StudyConfig) -> list[SummaryRow]:
     """Return one row for every terrain, planner, number of swaths and map, in the order of the study.
 
     Intervals hold 95 % of the values that resampled trials give (percentile bootstrap, Efron 1979).

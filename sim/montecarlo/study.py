@@ -21,7 +21,7 @@ from sim.montecarlo.config import RandomKind, StudyConfig, TrialBlock, blocks_of
 from sim.montecarlo.results import (
     block_file,
     minimum_swaths,
-    summary,
+    summarize_trials,
     write_block,
     write_rows,
     write_study_report,
@@ -90,7 +90,7 @@ def _write_results(study: StudyConfig, folder: Path, blocks: Sequence[TrialBlock
     with replacing_files(*(folder / name for name in RESULTS)) as (page, *_):
         draft = page.parent
         write_tables(draft, folder, blocks)
-        rows = summary(draft / "trials.parquet", study)
+        rows = summarize_trials(draft / "trials.parquet", study)
         write_rows(draft / "summary.csv", rows)
         write_rows(draft / "minimum_swaths.csv", minimum_swaths(rows, study))
         write_study_report(draft, study, rows)

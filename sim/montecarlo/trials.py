@@ -18,8 +18,6 @@ from planners.prediction import places
 from planners.registry import planner_of, steering_of
 from planners.steered_paths import rollout
 from planners.steering import attitude_sensor
-from sim.config.mission import MissionConfig
-from sim.config.world import RandomTerrain
 from sim.montecarlo.config import (
     ConditionalKind,
     Design,
@@ -32,11 +30,11 @@ from sim.montecarlo.config import (
     Trial,
     TrialBlock,
 )
-from sim.simulate.simulation import sensed_attitudes, simulate_statistical
+from sim.simulate.simulation import mission_of_drive, simulate_statistical
+from sim.simulate.steering import add_attitude_errors
 from sim.world.site import erroneous_copy
-from survey import Dem, Grid, Route, SurveyArea
+from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
@@ -56,7 +54,7 @@ class TrialTerrains:
         self.study = study
         self.kind = study.terrains[block.terrain]
         self.trials = range(block.first, block.first + block.n)
-        self.dems = [drawn(study, self.kind, trial) for trial in self.trials]
+        self.dems = [draw_terrain(study, self.kind, trial) for trial in self.trials]
         self.area = SurveyArea.rectangle(self.dems[0].grid().bounds, self.dems[0].crs)
         self.nodes = map_nodes(self.area, study.map_step_m)
         self.actual = np.column_stack([dem.at(self.nodes.xy) for dem in self.dems])
@@ -83,7 +81,7 @@ def map_nodes(area: SurveyArea, step_m: float) -> Grid:
     return Grid((x0, y0, x0 + (columns - 1) * step_m, y0 + (rows - 1) * step_m), step_m, area.crs)
 
 
-def drawn(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
+def draw_terrain(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
     """Return the terrain of one trial."""
     rng = stream(study.seed, "terrain", kind.name, trial)
     if isinstance(kind, ConditionalKind):
@@ -151,7 +149,7 @@ def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     if steering is None:
         return [Driven(design, route, everyone)]
     trials = [(trial, design.label, design.swaths) for trial in world.trials]
-    sense = sensed_attitudes(
+    sense = add_attitude_errors(
         attitude_sensor(world.dems),
         world.study.sensors,
         world.study.rover.speed_m_s,
@@ -303,15 +301,8 @@ def _localized(
     design = driven.design
     seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))
     study = world.study
-    mission = MissionConfig(
-        schema_version=1,
-        name=study.name,
-        seed=seed,
-        terrain=RandomTerrain(source="random"),
-        planner=design.planner,
-        rover=study.rover,
-        sensors=study.sensors,
-        localization=study.localization,
+    mission = mission_of_drive(
+        seed=seed, rover=study.rover, sensors=study.sensors, localization=study.localization
     )
     recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
     result = localize(recording, mission.assumed)

@@ -156,6 +156,7 @@ def lattice(n: int, at: Footprints) -> None:
     (narrow seams); the squares add up to 1, so that the mix has the variance of the tile.
     """
     zero, one = f32(0), f32(1)
+    # A copy of the tile with a random offset at every corner: the tile's repetition is not seen, nor tracked.
     for k in range(n):
         x, y = at.x[k], at.y[k]
         u = (x - f32(0.57735027) * y) * f32(1.0 / LATTICE_M)

@@ -403,6 +403,8 @@ def _water(
     return body * (1.0 - mirrored) + mirrored * sky + glint
 
 
+# Normal numbers, drawn once. Each row of a frame reads a window that the frame and the row choose, so that the bytes do
+# not depend on the number of threads.
 _DRAWS = 1 << 21
 
 

@@ -19,7 +19,7 @@ from sim.config.world import AppearanceConfig, ImagingConfig
 from sim.rendering import Renderer, RoverBox
 from sim.vehicle.motion import HeightField, KinematicRover, Physics
 from sim.vehicle.pursuit import PurePursuit
-from sim.vehicle.rover import ContactRover
+from sim.vehicle.rigid_bodies import ContactRover
 from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream

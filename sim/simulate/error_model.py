@@ -20,13 +20,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sim.config.mission import SensorConfig
 from sim.simulate.simulated_drive import ONBOARD
+from survey import InputError, Recording, Trajectory, Truth
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
 from survey.core.run_folder import RunFolder
-from survey.data.recording import Recording
 from survey.data.sensors.odometry import Odometry
-from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry
@@ -149,7 +146,7 @@ def _landmark_errors(found: VisualOdometry, real: Truth) -> tuple[FloatArray, Fl
     return seen.range_m[usable][known], height[known], along[known]
 
 
-def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> SensorConfig:
+def fit_sensor_errors(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> SensorConfig:
     """Fit the sensor errors of the statistical fidelity to drives; receivers keep their defaults.
 
     `correlation_m`: travel over which attitude errors stay correlated, as the model states it [m].
@@ -171,11 +168,13 @@ def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> Sen
     values = {
         "yaw_sigma_deg": yaw,
         "heading_walk_deg_sqrt_m": walk,
-        "tilt_sigma_deg": changing(driven, [0, 1], correlation_m),
-        "tilt_bias_sigma_deg": rms(levels),
+        "tilt_sigma_deg": correlated_sigma_deg(driven, [0, 1], correlation_m),
+        "tilt_bias_sigma_deg": root_mean_square(levels),
         "attitude_correlation_m": correlation_m,
-        "scale_sigma": rms(np.array([np.median(drive.odometry.scale) for drive in drives])),
-        "step_sigma_m": rms(np.concatenate([d.odometry.aside[~d.odometry.is_torn] for d in drives])),
+        "scale_sigma": root_mean_square(np.array([np.median(drive.odometry.scale) for drive in drives])),
+        "step_sigma_m": root_mean_square(
+            np.concatenate([d.odometry.aside[~d.odometry.is_torn] for d in drives])
+        ),
         "landmarks_per_m": len(ranges) / sum(drive.driven_m for drive in drives),
     }
     rounded = {name: float(f"{value:.3g}") for name, value in values.items()}
@@ -190,22 +189,28 @@ def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> Sen
 
 def _wandering_and_walk(driven: Sequence[OdometryErrors], correlation_m: float) -> tuple[float, float]:
     """Return σ of the correlated heading error [deg], and its random walk [deg per root metre]."""
+    # Two equations for two unknowns: the correlated part saturates with distance, the random walk grows on.
     near, far = _mean_square_change(APART_M, correlation_m), _mean_square_change(FAR_APART_M, correlation_m)
-    change = changed(driven, [2])
+    change = mean_square_change_deg2(driven, [2])
     long_enough = [drive for drive in driven if drive.length_m.sum() > 2.0 * FAR_APART_M]
     walked = 0.0
     if long_enough:
-        beyond = changed(long_enough, [2], FAR_APART_M) - changed(long_enough, [2]) * far / near
+        beyond = (
+            mean_square_change_deg2(long_enough, [2], FAR_APART_M)
+            - mean_square_change_deg2(long_enough, [2]) * far / near
+        )
         walked = max(beyond / (FAR_APART_M - APART_M * far / near), 0.0)
     return float(np.sqrt(max(change - walked * APART_M, 0.0) / near)), float(np.sqrt(walked))
 
 
-def changing(driven: Sequence[OdometryErrors], axes: list[int], correlation_m: float) -> float:
+def correlated_sigma_deg(driven: Sequence[OdometryErrors], axes: list[int], correlation_m: float) -> float:
     """Return σ of attitude errors without a random walk [deg]."""
-    return float(np.sqrt(changed(driven, axes) / _mean_square_change(APART_M, correlation_m)))
+    return float(np.sqrt(mean_square_change_deg2(driven, axes) / _mean_square_change(APART_M, correlation_m)))
 
 
-def changed(driven: Sequence[OdometryErrors], axes: list[int], apart_m: float = APART_M) -> float:
+def mean_square_change_deg2(
+    driven: Sequence[OdometryErrors], axes: list[int], apart_m: float = APART_M
+) -> float:
     """Return the mean square change of attitude errors over a distance [deg²]; axes are roll, pitch, yaw."""
     lag = round(apart_m / STRETCH_M)
     changes = [drive.attitude_deg[lag:, axes] - drive.attitude_deg[:-lag, axes] for drive in driven]
@@ -235,6 +240,6 @@ def _by_range(drives: Sequence[DriveErrors], power: int) -> tuple[float, float]:
     return (float(constant), float(slope)) if constant > 0.0 else (0.0, float(np.mean(sigma / middle**power)))
 
 
-def rms(values: FloatArray) -> float:
+def root_mean_square(values: FloatArray) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))

@@ -1,8 +1,10 @@
 """Onboard computer: visual odometry and GPS fixes in a particle filter, with dead reckoning in between.
 
+A `Navigator` gets the readings of the rover and returns the pose to steer by; `VisualNavigator` is the one of missions.
 `OnboardComputer` estimates the pose of the newest processed image. `VisualNavigator` steers by it: the estimate is two
 frames late, and wheels and gyro bridge the time since. The computer runs in this process (`InProcess`) or in one of its
-own (`Subprocess`), with the same results.
+own (`Subprocess`), with the same results; this module imports nothing of simulator and planners, which that process
+does not need.
 """
 
 import multiprocessing
@@ -10,6 +12,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -18,9 +21,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from sim.simulate.navigation import PoseEstimate, Start
+from survey import Camera, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.core.executors import FAILED_TO_START, UNGUARDED, settled
 from survey.core.streams import stream
 from survey.data.recording import Readings
@@ -36,10 +38,45 @@ from vision_slam.odometry.visual_slam import FramePose
 _SURVEYED_DEG = 1.0
 """Standard deviation of the heading at the start [deg]."""
 LATE_FRAMES = 2
-"""Delay of the estimate in frames, during which the onboard computer processes the next ones."""
+"""Delay of the estimate in frames, during which the onboard computer processes the next ones.
+
+The delay is fixed, so that the drive does not depend on the load of the machine.
+"""
 _MEMORY_S = 5.0
 # Relative error of distances without vision, which wheels and gyro bridge.
 _BRIDGED_ERROR = 0.05
+
+
+class PoseEstimate(NamedTuple):
+    """Estimated pose of the rover: ``xy`` (2,) [m] and ``heading_rad`` counter-clockwise from east."""
+
+    xy: FloatArray
+    heading_rad: float
+
+
+class Navigator(Protocol):
+    """Estimates the pose to steer by, from readings alone."""
+
+    def step(self, readings: Readings, /) -> PoseEstimate:
+        """Process the readings since the last call, with the newest frame, and return the estimated pose."""
+        ...
+
+    def finish(self, readings: Readings, /) -> VisualOdometry | None:
+        """Process the readings after the last frame; return the visual odometry, if there is one."""
+        ...
+
+
+@dataclass(frozen=True)
+class Start:
+    """Calibration and start pose, as given to a navigator before the drive.
+
+    ``position`` (3,) [m] and ``heading_rad`` from east are those of the recording: a
+    kidnapped rover is given wrong ones.
+    """
+
+    camera: Camera
+    position: FloatArray
+    heading_rad: float
 
 
 class TimedPose(NamedTuple):
@@ -193,6 +230,7 @@ class DeadReckoning:
             self._wheels = np.vstack([self._wheels, np.column_stack([readings.wheels.time_s, rolled])])
         if readings.inertial is not None:
             rates = readings.inertial.gyro_rad_s[:, 2]
+            # Before it has rolled a millimetre the rover stands still, and all that the gyro shows is its bias.
             if self._wheels[-1, 1] < 1e-3:
                 self._resting.append(rates)
                 self._bias = float(np.median(np.concatenate(self._resting)))

@@ -19,19 +19,19 @@ from sim.vehicle.motion import RoverState
 from sim.vehicle.pursuit import PurePursuit
 from sim.world.fine_terrain import FineTerrain
 from sim.world.hazards import Hazard
+from survey import InputError, Recording, Truth
 from survey.core.arrays import FloatArray
 from survey.core.documents import write_json
-from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.data.frames import Frames, Image
-from survey.data.recording import Recording
-from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_tum_list
 from survey.io.tables import write_table
 from survey.io.vector import write_features
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import write_visual_odometry
 
+DRIVE_FILE = "drive.json"
+"""How a drive ended, with its length, time and energy."""
 ONBOARD = "onboard"
 """Folder within the recording that holds the visual odometry of the onboard computer."""
 _ESTIMATE_COLUMNS = ("time_s", "easting_m", "northing_m", "heading_rad")
@@ -76,7 +76,7 @@ class SimulatedDrive:
         if self.visual_odometry is not None:
             write_visual_odometry(self.visual_odometry, folder / "recording" / ONBOARD)
         self.truth.write(folder / "truth")
-        write_json(folder / "drive.json", self._summary())
+        write_json(folder / DRIVE_FILE, self._summary())
         if self.estimates is not None:
             columns = dict(zip(_ESTIMATE_COLUMNS, self.estimates.T, strict=True))
             write_table(folder / "estimated.csv", columns)
@@ -147,12 +147,6 @@ class DriveMonitor:
         return next((ending for ending, is_so in reasons.items() if is_so), None)
 
 
-def heading_of(state: RoverState) -> float:
-    """Return the heading of a state, counter-clockwise from east [rad]."""
-    x, y, z, w = state.quaternion
-    return float(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
-
-
 def _is_stalled(states: Sequence[RoverState]) -> bool:
     """Return whether the rover is where it was some time ago."""
     n = round(_STALLED_S * STEERED_HZ)
@@ -193,7 +187,7 @@ def write_preview(frames: Frames, path: Path) -> None:
         writer.release()
 
 
-def animated(frames: Frames, n_shown: int = 60) -> bytes:
+def animate_frames(frames: Frames, n_shown: int = 60) -> bytes:
     """Return frames at equal steps of the drive as an animated WebP, six a second, for a page that plays no videos."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, n_shown).round().astype(int))
     pictures = [Picture.fromarray(_coloured(_small(frames[int(k)], 400))[:, :, ::-1]) for k in chosen]

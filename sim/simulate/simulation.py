@@ -19,40 +19,31 @@ and barometers from the path in fixed coordinates. Odometry and landmarks are gi
 attitude reach the map as they do in the field. Not modelled: times without vision, slip, wrong matches. Each sensor's
 model is in `sim.instruments`.
 
-The ideal fidelity samples the terrain along the route without errors. `sensed_attitude` gives roll and pitch with
-errors, by which patterns are steered while they are driven.
+The ideal fidelity samples the terrain along the route without errors.
 """
 
 import logging
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from planners import LawnmowerConfig
-from planners.routes.shortest_paths import FreeGround
-from planners.steering import Attitude, AttitudeSensor
-from sim.config.mission import AidsConfig, MissionConfig, RoverConfig, SensorConfig
+from planners.routes.replanning import with_way_home as with_way_home  # noqa: PLC0414 - for sim.mission.stages
+from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
+from sim.config.rover import RoverConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.world import SampleTerrain
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import StatisticalDrive
-from sim.instruments.visual_measurements import truth_of_epoch
 from sim.vehicle.motion import exact_drive, poses_at_rest
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
+from survey import ConfigError, Dem, Recording, Route, Truth
 from survey.core.arguments import check_types
-from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs import same_crs
-from survey.core.errors import ConfigError, InputError
 from survey.core.streams import stream
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.recording import Recording
-from survey.data.route import Leg, Route
 from survey.data.sensors.records import GpsFixes
-from survey.data.truth import Truth
 
 logger = logging.getLogger(__name__)
 
@@ -128,13 +119,9 @@ def simulate(
     _refuse_other_fidelity(
         fidelity, {"sensors": sensors, "aids": aids}, {"instruments": instruments, "folder": folder}
     )
-    mission = MissionConfig(
-        schema_version=1,
-        name="drive",
+    mission = mission_of_drive(
         seed=seed,
         fidelity=fidelity,
-        terrain=SampleTerrain(source="srtm-sample"),  # not read: terrain and route are given
-        planner=LawnmowerConfig(swaths=1),
         rover=rover or RoverConfig(),
         sensors=sensors or SensorConfig(),
         aids=aids or AidsConfig(),
@@ -143,6 +130,13 @@ def simulate(
     if folder is not None:
         return _simulated_in_images(terrain, route, mission, Path(folder))
     return (simulate_ideal if fidelity == "ideal" else simulate_statistical)(terrain, route, mission)
+
+
+def mission_of_drive(**settings: Any) -> MissionConfig:
+    """Return a mission with some settings for a drive on given terrain along a given route."""
+    # Terrain and planner are not read: terrain and route are given.
+    terrain, planner = SampleTerrain(source="srtm-sample"), LawnmowerConfig(swaths=1)
+    return MissionConfig(schema_version=1, name="drive", terrain=terrain, planner=planner, **settings)
 
 
 def _refuse_other_fidelity(fidelity: str, drawn: dict[str, object], rendered: dict[str, object]) -> None:
@@ -196,7 +190,8 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
     if mission.aids.start == "unknown":
         recording = with_unknown_start(recording, mission)
     if ice is not None:
-        return recording, truth_of_epoch(Truth(terrain, drive.trajectory), ice, epoch_of(recording, mission))
+        epoch_s = epoch_of(recording, mission)
+        return recording, ice.fixed_truth(Truth(terrain, drive.trajectory), epoch_s)
     return recording, Truth(terrain, trajectory)
 
 
@@ -210,15 +205,6 @@ def _drive(terrain: Dem, route: Route, mission: MissionConfig, ice: MovingIce | 
         starts = ice.starts(samples.xy, time_s)
         trajectory, attitude = poses_at_rest(terrain, starts, samples.heading_rad, time_s)
     return StatisticalDrive(terrain, route, trajectory, attitude, mission, ice)
-
-
-def with_way_home(route: Route, area: SurveyArea) -> Route:
-    """Append the shortest path on free ground from the end of a route back to its start."""
-    if route.n_rovers > 1:
-        raise InputError("aids.way_home is for one rover; leave it out, or set fleet.rovers = 1.")
-    start, end = route.legs[0].xy[0], route.legs[-1].xy[-1]
-    way = FreeGround(area.free).way(end, start)
-    return replace(route, legs=(*route.legs, Leg("transit", way)))
 
 
 def with_unknown_start(recording: Recording, mission: MissionConfig) -> Recording:
@@ -241,72 +227,3 @@ def simulate_ideal(terrain: Dem, route: Route, mission: MissionConfig) -> tuple[
     fixes = GpsFixes(samples.distance_m / mission.rover.speed_m_s, ground)
     recording = Recording(route.crs, ground[0], fixes, vertical_datum=terrain.vertical_datum)
     return recording, Truth(terrain, trajectory)
-
-
-def sensed_attitude(sense: AttitudeSensor, mission: MissionConfig) -> AttitudeSensor:
-    """Return the attitude that the rover of a mission senses while it drives; see `sensed_attitudes`."""
-    rng = stream(mission.seed, "steering", "sensed")
-    return sensed_attitudes(sense, mission.sensors, mission.rover.speed_m_s, [rng])
-
-
-def sensed_attitudes(
-    sense: AttitudeSensor, sensors: SensorConfig, speed_m_s: float, rngs: Sequence[np.random.Generator]
-) -> AttitudeSensor:
-    """Return the attitudes that rovers sense while they drive: roll and pitch with errors, at their real places.
-
-    Steering (Eq. 10) gets nothing else of the ground. Roll and pitch err by the drawn errors of ``[sensors]``, correlated
-    over ``attitude_correlation_m`` of travel, with a constant part. A rover takes itself to be at the places that it is
-    called with and is beside them by the slow error of its receiver.
-
-    `speed_m_s`: speed of the rovers, by which the receiver's correlation time becomes a length [m/s].
-
-    The few metres between real and estimated place change the ground that is sensed, not the route that is driven.
-    """
-    correlation_m = sensors.gps_correlation_time_s * speed_m_s
-    bias = np.radians(sensors.tilt_bias_sigma_deg) * np.array([rng.standard_normal(2) for rng in rngs])
-    errors = _TravelErrors(
-        np.array([sensors.gps_bias_sigma_m] * 2 + [np.radians(sensors.tilt_sigma_deg)] * 2),
-        np.array([correlation_m] * 2 + [sensors.attitude_correlation_m] * 2),
-        rngs,
-    )
-
-    def sensed(xy: FloatArray, heading_rad: FloatArray) -> Attitude:
-        error = errors.at(xy)
-        real = sense(xy + error[:, :2], heading_rad)
-        roll, pitch = (error[:, 2:] + bias).T
-        return Attitude(real.roll_rad + roll, real.pitch_rad + pitch, heading_rad)
-
-    return sensed
-
-
-class _TravelErrors:
-    """First-order Gauss-Markov errors over the travel of N rovers; a rover that stands draws nothing."""
-
-    def __init__(
-        self, sigma: FloatArray, correlation_m: FloatArray, rngs: Sequence[np.random.Generator]
-    ) -> None:
-        self._sigma, self._correlation_m, self._rngs = sigma, correlation_m, rngs
-        self._travel_m = np.zeros(len(rngs))
-        self._here: FloatArray | None = None
-        self._value = np.zeros((len(rngs), len(sigma)))
-
-    def at(self, xy: FloatArray) -> FloatArray:
-        """Return the errors (N, K) when the rovers have reached places (N, 2)."""
-        if self._here is None:
-            self._here = xy.copy()
-            self._value = self._noise(np.ones(len(xy), dtype=bool))
-            return self._value
-        travel_m = self._travel_m + np.hypot(*(xy - self._here).T)
-        moved = travel_m > self._travel_m
-        decay = np.exp(-(travel_m - self._travel_m)[:, None] / self._correlation_m)
-        driven = np.sqrt(1.0 - decay**2) * self._noise(moved) + decay * self._value
-        self._value = np.where(moved[:, None], driven, self._value)
-        self._here, self._travel_m = xy.copy(), travel_m
-        return self._value
-
-    def _noise(self, moved: BoolArray) -> FloatArray:
-        """Draw white noise (N, K) for the rovers that have moved."""
-        noise = np.zeros_like(self._value)
-        for k in np.flatnonzero(moved).tolist():
-            noise[k] = self._sigma * self._rngs[k].standard_normal(len(self._sigma))
-        return noise

@@ -11,13 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.instruments.registry import Instruments, ReadingLog
 from sim.instruments.sensor import InstrumentSetup
-from sim.instruments.visual_measurements import stake_surveys, surveyed_stakes, truth_of_epoch
 from sim.simulate.assembly import Faults, camera_on_rover, rover_camera, rover_physics, stakes_beside
-from sim.simulate.navigation import Navigator, PoseEstimate, Start, SteeredPath
+from sim.simulate.navigator import Navigator, PoseEstimate, Start
 from sim.simulate.simulated_drive import (
     LOGGED_HZ,
     STANDING_S,
@@ -25,21 +23,16 @@ from sim.simulate.simulated_drive import (
     DriveMonitor,
     Ending,
     SimulatedDrive,
-    heading_of,
 )
+from sim.simulate.steering import SteeredPath
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.moving_ice import epoch_of, moving_ice
+from survey import ConfigError, Dem, InputError, Route, Trajectory, Truth
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
 from survey.data.frames import Frames, FrameWriter
 from survey.data.recording import Readings, Recording
-from survey.data.route import Route
-from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
-from vision_slam.odometry.odometer import VisualOdometry
 
 _MEMORY_S = 0.5
 EDGE_M = 3.0
@@ -54,7 +47,7 @@ def simulate_vision(
     navigate: Callable[[Start], Navigator] | None = None,
     *,
     steers: bool = True,
-    steering: WaypointSteering | None = None,
+    steered: SteeredPath | None = None,
 ) -> SimulatedDrive:
     """Simulate a drive in the vision fidelity: physics, instruments and rendered images."""
     if folder.exists() and any(folder.iterdir()):
@@ -62,11 +55,12 @@ def simulate_vision(
     ground = fine_terrain(terrain, mission.scenery, mission.site_seed)
     path = route.path()
     _check(ground, path, mission)
-    run = _Run(ground, path, mission, None if steering is None else SteeredPath(steering))
+    run = _Run(ground, path, mission, steered)
     navigator = None if navigate is None else navigate(run.start)
     with FrameWriter(folder / "frames") as writer:
-        ending = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
-    return run.result(ending, folder)
+        ending, last = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
+        odometry = None if navigator is None else navigator.finish(last)
+    return replace(run.result(ending, folder), visual_odometry=odometry)
 
 
 def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
@@ -119,7 +113,6 @@ class _Run:
         look = self._faults.appearance(mission.appearance)
         self._rover_camera = camera_on_rover(ground, look, self._camera, mission)
         self._n_frames, self._frame_times = 0, list[float]()
-        self._visual_odometry: VisualOdometry | None = None
         self._estimates: list[tuple[float, ...]] = []
 
     def _setup(self) -> InstrumentSetup:
@@ -133,10 +126,12 @@ class _Run:
     def start(self) -> Start:
         """Start as given to a navigator."""
         camera = self._faults.calibration(self._camera)
-        return Start(camera, self._faults.start(self._start), heading_of(self._states[0]))
+        return Start(camera, self._faults.start(self._start), self._states[0].heading_rad)
 
-    def until_the_end(self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool) -> Ending:
-        """Drive until the drive ends."""
+    def until_the_end(
+        self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool
+    ) -> tuple[Ending, Readings]:
+        """Drive until the drive ends; return its ending and the readings after the last frame."""
         estimate: PoseEstimate | None = None
         while True:
             self._drive_on(estimate if steers else self._real_pose())
@@ -150,15 +145,14 @@ class _Run:
             if ending is not None:
                 last = self._read(RoverMotion.of(self._recent))
                 self._log.add(last)
-                self._visual_odometry = None if navigator is None else navigator.finish(last)
-                return ending
+                return ending, last
 
     def _real_pose(self) -> PoseEstimate:
         state = self._states[-1]
         xy = np.array(state.position[:2])
         if self._ice is not None:
             xy = xy + self._ice.displacement(xy[None], np.array([state.time_s]))[0, :2]
-        return PoseEstimate(xy, heading_of(state))
+        return PoseEstimate(xy, state.heading_rad)
 
     def _drive_on(self, estimate: PoseEstimate | None) -> None:
         """Drive for one period of the steering; stand still in the first second and without an estimate."""
@@ -219,8 +213,7 @@ class _Run:
             self._states[-1].energy_j,
             self._pursuit.length_m,
             self._ground.hazards,
-            self._visual_odometry,
-            np.array(self._estimates) if self._estimates else None,
+            estimates=np.array(self._estimates) if self._estimates else None,
         )
 
     def _recording(self, ending: Ending, folder: Path) -> Recording:
@@ -231,16 +224,14 @@ class _Run:
                 "there is nothing to localize, drive longer or leave the receiver on."
             )
         frames = self._frames(folder / "frames")
-        if self._ice is not None:
-            records["stake_surveys"] = stake_surveys(self._ice, self._feet, self._states[-1].time_s, mission)
         return Recording(
             ground.crs,
             self._faults.start(self._start),
             antenna_height_m=mission.rover.antenna_height_m,
             vertical_datum=ground.vertical_datum,
-            stakes=surveyed_stakes(mission.instruments.stakes, self._feet, mission.seed),
             camera=None if frames is None else self._faults.calibration(self._camera),
             frames=frames,
+            **self._instruments.stake_tables(self._states[-1].time_s),
             **records,
         )
 
@@ -256,8 +247,6 @@ class _Run:
         zero = np.zeros((len(self._states), 3, 3))
         trajectory = Trajectory(motion.time_s, motion.position, motion.quaternion, zero, self._ground.crs)
         truth = Truth(self._ground.dem, trajectory)
-        return (
-            truth
-            if self._ice is None
-            else truth_of_epoch(truth, self._ice, epoch_of(recording, self._mission))
-        )
+        if self._ice is None:
+            return truth
+        return self._ice.fixed_truth(truth, epoch_of(recording, self._mission))

@@ -15,11 +15,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from planners import Rover
 from sim.config.rover import PhysicsConfig
+from survey import Dem, InputError, Route, Trajectory
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.dem import Dem
-from survey.data.route import Route
-from survey.data.trajectory import Trajectory
 
 Vector = tuple[float, float, float]
 
@@ -60,6 +57,12 @@ class RoverState(NamedTuple):
     rate: Vector
     rolled_m: tuple[float, float]
     energy_j: float
+
+    @property
+    def heading_rad(self) -> float:
+        """Heading, counter-clockwise from east [rad]."""
+        x, y, z, w = self.quaternion
+        return float(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
 
 
 class Physics(Protocol):

@@ -69,7 +69,7 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     texture = np.float32(1.0 - config.stones) * snow
     if config.stones > 0.0:
         texture += np.float32(config.stones) * _stones(stream(seed, "appearance", "stones"), config)
-    return packed(np.float32(config.contrast) * texture, 1.0 / SURFACE_TEXEL_M)
+    return pack_tile(np.float32(config.contrast) * texture, 1.0 / SURFACE_TEXEL_M)
 
 
 @lru_cache(maxsize=2)
@@ -80,10 +80,10 @@ def grain_tile(config: AppearanceConfig, seed: int) -> Tile:
         (GRAIN_TEXELS, GRAIN_TEXELS), GRAIN_TEXEL_M, (0.006, 0.06), 0.6, rng, periodic=True
     )
     strength = config.contrast * (0.05 + 0.10 * config.stones)  # gravel is rougher than snow
-    return packed(np.float32(strength) * grain, 1.0 / GRAIN_TEXEL_M)
+    return pack_tile(np.float32(strength) * grain, 1.0 / GRAIN_TEXEL_M)
 
 
-def packed(texture: FloatGrid, texels_per_m: float) -> Tile:
+def pack_tile(texture: FloatGrid, texels_per_m: float) -> Tile:
     """Return a periodic square texture with mean 0 as a tile."""
     texture = texture - texture.mean()
     amplitude = max(float(np.quantile(np.abs(texture[::4, ::4]), 0.9999)), 1e-6)

@@ -20,10 +20,9 @@ from scipy.interpolate import make_interp_spline
 from sim.config.world import SceneryConfig
 from sim.world import hazards
 from sim.world.hazards import FloatGrid, Ground, Hazard
+from survey import Dem, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.data.dem import Dem
 
 ByteGrid = npt.NDArray[np.uint8]
 
@@ -162,7 +161,7 @@ def _built(site: _Site, config: SceneryConfig, seed: int) -> FineTerrain:
         _bytes(ground.tone),
         _bytes(ground.water),
         _bytes(ground.openness),
-        tuple(hazards.placed(hazard, transform) for hazard in found),
+        tuple(hazards.place_hazard(hazard, transform) for hazard in found),
     )
 
 
@@ -219,7 +218,7 @@ def _add_hazards(ground: Ground, config: SceneryConfig, seed: int) -> list[Hazar
         "bridges": lambda: hazards.bridged_crevasse(ground, rng["bridges"]),
         "cones": lambda: hazards.dirt_cone(ground, rng["cones"]),
     }
-    return [hazard for name in carve for hazard in hazards.carved(ground, count[name], carve[name])]
+    return [hazard for name in carve for hazard in hazards.carve_hazards(ground, count[name], carve[name])]
 
 
 def _densities(config: SceneryConfig) -> dict[str, float]:
@@ -250,6 +249,7 @@ def band_limited_field(
     shortest and longest wavelength, across the forms [m]. `stretch`, `angle`: forms are `stretch` times
     longer in the direction `angle` (from the columns' axis towards the rows') [rad].
     """
+    # The transform is periodic: without a margin the opposite sides of a site would be alike.
     pad = 0 if periodic else int(np.ceil(min(wavelengths_m[1], 40.0) / step_m))
     rows, columns = (n if periodic else fft.next_fast_len(n + pad, real=True) for n in shape)
     x = fft.rfftfreq(columns, step_m).astype(np.float32)[None, :]

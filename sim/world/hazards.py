@@ -176,13 +176,13 @@ def dirt_cone(ground: Ground, rng: np.random.Generator) -> Hazard:
     return Hazard("dirt cone", shapely.Point(centre).buffer(radius, quad_segs=8))
 
 
-def carved(ground: Ground, count: int, carve: Callable[[], Hazard | None]) -> list[Hazard]:
+def carve_hazards(ground: Ground, count: int, carve: Callable[[], Hazard | None]) -> list[Hazard]:
     """Put `count` hazards of one kind on the ground."""
     found = (carve() for _ in range(count if min(ground.size_m) > 4.0 else 0))
     return [hazard for hazard in found if hazard is not None]
 
 
-def placed(hazard: Hazard, transform: Affine) -> Hazard:
+def place_hazard(hazard: Hazard, transform: Affine) -> Hazard:
     """Return a hazard in the world's easting and northing; `transform` is the ground's, of its cells."""
     step = float(transform.a)
     corner = np.array([transform.c + 0.5 * step, transform.f - 0.5 * step])

@@ -25,14 +25,10 @@ from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.config.world import IceAssumptions, IceConfig
 from sim.world.site import World
+from survey import ConfigError, Dem, InputError, Leg, Recording, Route, Trajectory, Truth
 from survey.core.arrays import FloatArray
 from survey.core.crs import same_crs
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
 from survey.data.ice_motion import IceMotion
-from survey.data.recording import Recording
-from survey.data.route import Leg, Route
-from survey.data.trajectory import Trajectory
 from survey.reconstruction.motion.epoch import route_on_ice
 from survey.reconstruction.motion.priors import VelocityRasters, motion_from_rasters
 
@@ -72,6 +68,7 @@ class MovingIce:
         """Return the melt since the start of the drive (N,) [m]."""
         config, turn = self.config, 2.0 * np.pi / _DAY_S
         begin = turn * (3600.0 * config.start_hour - _WARMEST_S)
+        # The integral of a melt rate that varies with the hour, most at 14 h.
         wave = (np.sin(turn * time_s + begin) - np.sin(begin)) / turn
         melted: FloatArray = config.melt_m_per_day / _DAY_S * (time_s + config.diurnal_share * wave)
         return melted
@@ -84,6 +81,7 @@ class MovingIce:
     def starts(self, xy: FloatArray, time_s: FloatArray) -> FloatArray:
         """Return where the ice that is at places (N, 2) at some times was at the start [m]."""
         places = xy
+        # Fixed-point iteration: the velocity is that of the place at the start, which is sought.
         for _ in range(_PASSES):
             places = xy - self.displacement(places, time_s)[:, :2]
         return places
@@ -93,10 +91,14 @@ class MovingIce:
         moved = self.displacement(trajectory.position[:, :2], trajectory.time_s)
         return replace(trajectory, position=trajectory.position + moved)
 
+    def fixed_truth(self, truth: Truth, epoch_s: float) -> Truth:
+        """Return the terrain of an epoch and the path in fixed coordinates, from those on the ice of the start."""
+        return Truth(self.terrain_at(truth.dem, epoch_s), self.carried(truth.trajectory))
+
     def terrain_at(self, terrain: Dem, time_s: float) -> Dem:
         """Return the terrain at a time; beyond the edge it goes on as it is there.
 
-        `time_s`: time since then [s].
+        `time_s`: time since the start of the drive [s].
         """
         grid = terrain.grid()
         times = np.full(len(grid.xy), time_s)

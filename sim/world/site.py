@@ -16,15 +16,12 @@ from scipy.ndimage import distance_transform_edt
 
 from sim.config.mission import MissionConfig
 from sim.config.world import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
+from survey import Dem, Grid, InputError, SurveyArea
 from survey import terrain as landforms
 from survey.core.arrays import DataObject, FloatArray
 from survey.core.crs import projected_crs, same_vertical_datum
-from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.core.transformation import is_geographic
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
 from survey.io.raster import Raster, raster_header, reprojected
 from survey.terrain.real import sample_site
 from survey.terrain.satellite import ProductErrors, SatelliteDem, product_copy, smooth_interpolation

@@ -24,10 +24,10 @@ def fit(
     import tomlkit
 
     from sim.config.mission import SensorConfig
-    from sim.simulate.error_model import errors_of, fitted
+    from sim.simulate.error_model import errors_of, fit_sensor_errors
     from survey.core.run_folder import RunFolder
 
-    found = fitted([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
+    found = fit_sensor_errors([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
     usual = SensorConfig().model_dump(mode="json")
     changed = {name: value for name, value in found.items() if value != usual[name]}
     typer.echo(tomlkit.dumps({"sensors": changed}), nl=False)

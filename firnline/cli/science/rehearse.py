@@ -40,8 +40,14 @@ def rehearse(request: RehearseRequest) -> None:
     import json
 
     from firnline.cli.progress import counted
-    from sim.mission.rehearsal import fault_tree, outcomes, rehearsal_folder, summarized, write_fault_tree
-    from sim.mission.rehearsal import rehearse as run_all_of
+    from sim.mission.rehearsal import (
+        fault_tree,
+        outcomes,
+        rehearsal_folder,
+        rehearse_mission,
+        summarize_outcomes,
+        write_fault_tree,
+    )
     from sim.mission.runs import read_mission
 
     engine = request.chosen_engine()
@@ -49,7 +55,7 @@ def rehearse(request: RehearseRequest) -> None:
     if request.dry_run:
         end_dry_run([rehearsal_folder(mission, request.runs)], {"runs": request.n_runs})
     with counted(quiet=request.quiet) as progress:
-        folder = run_all_of(
+        folder = rehearse_mission(
             mission,
             request.runs,
             request.n_runs,
@@ -59,7 +65,7 @@ def rehearse(request: RehearseRequest) -> None:
             watch=lambda done, total: progress("runs", done, total),
         )
     found = outcomes(folder, request.n_runs)
-    summary, tree = summarized(found), fault_tree(found)
+    summary, tree = summarize_outcomes(found), fault_tree(found)
     write_fault_tree(summary, tree, folder / "fault_tree.png")
     if request.as_json:
         facts = {"folder": str(folder), **summary._asdict(), "fault_tree": _nested(tree), "runs": found}

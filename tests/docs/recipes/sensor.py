@@ -100,7 +100,7 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
     check="""
 import numpy as np
 from firnline import Grid, Recording, SurveyArea, plan, LawnmowerConfig, simulate
-from survey.terrain import cosine_surface
+from survey.terrain.synthetic import cosine_surface
 from sim.config.sensors import FaultConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.instruments.sensor import InstrumentSetup

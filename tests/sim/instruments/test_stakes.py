@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import StakeConfig
-from sim.instruments.visual_measurements import StakeSpotter, surveyed_stakes
+from sim.instruments.visual_measurements import StakeSpotter, survey_stakes
 from tests.sim.instruments.motions import standing
 
 
@@ -21,6 +21,6 @@ def test_stakes_are_seen_within_reach_and_no_better_than_stated():
 
 def test_surveyed_stakes_err_as_stated():
     feet = np.zeros((2000, 3))
-    surveyed = surveyed_stakes(StakeConfig(survey_sigma_m=0.05), feet, 1)
+    surveyed = survey_stakes(StakeConfig(survey_sigma_m=0.05), feet, 1)
     assert surveyed.position.std() == pytest.approx(0.05, rel=4.0 / np.sqrt(2.0 * feet.size))
-    assert surveyed_stakes(StakeConfig(), feet[:0], 1) is None
+    assert survey_stakes(StakeConfig(), feet[:0], 1) is None

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
-from sim.mission.drives import drive, mapped_points
+from sim.mission.drives import simulate_drive
 from sim.mission.fleet import (
     LOSS_FILE,
     accounts,
@@ -17,8 +17,9 @@ from sim.mission.fleet import (
     n_lost,
     n_ties,
     route_of,
-    with_drawn_losses,
 )
+from sim.mission.localization import mapped_points
+from sim.mission.losses import with_drawn_losses
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world
@@ -84,7 +85,7 @@ def test_every_rover_has_a_drive_and_all_have_one_map(surveyed):
 def test_the_first_rover_records_what_a_single_one_would(surveyed, tmp_path):
     world, config = build_world(mission()), mission()
     route = Route.read(surveyed.folder("plan") / "route.geojson")
-    drive(world, route_of(route, 0), config, tmp_path)
+    simulate_drive(world, route_of(route, 0), config, tmp_path)
     assert bytes_agree(tmp_path / "recording", surveyed.folder("simulate") / "rover-01" / "recording")
 
 

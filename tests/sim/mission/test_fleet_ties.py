@@ -3,8 +3,8 @@
 import numpy as np
 
 from sim.config.mission import MissionConfig
-from sim.mission.drives import mapped_points
 from sim.mission.fleet import TIES_FILE, drive_folders, n_ties, tied_drives
+from sim.mission.localization import mapped_points
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from survey import Trajectory

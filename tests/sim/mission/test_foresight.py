@@ -8,7 +8,7 @@ import typer
 from firnline.cli.planning.foresight import print_options_of
 from planners import RandomWanderConfig
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
-from sim.mission.foresight import cheapest, covariance_of_cells, predicted_survey, surveys_within
+from sim.mission.foresight import cheapest, covariance_of_cells, predict_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.terrain.synthetic import random_dem
@@ -26,7 +26,7 @@ def world(area: SurveyArea = AREA) -> World:
 
 
 def test_stakes_lower_the_predicted_error_and_more_so_that_of_the_mean_height():
-    plain, staked = (predicted_survey(mission_with(stakes=n), world(), limit_m=0.4) for n in (0, 2))
+    plain, staked = (predict_survey(mission_with(stakes=n), world(), limit_m=0.4) for n in (0, 2))
     assert staked.rmse_m < plain.rmse_m
     assert staked.site_mean_m < plain.site_mean_m
     assert staked.chance >= plain.chance
@@ -48,7 +48,7 @@ def test_the_prediction_on_moving_ice_counts_the_uncertain_motion_and_stakes_red
     )
     motions = (ice.model_copy(update={"assumed": known}), ice, ice.model_copy(update={"stake_surveys": 0}))
     errors = [
-        predicted_survey(at_rest.model_copy(update={"ice": one}), world(), limit_m=0.4).rmse_m
+        predict_survey(at_rest.model_copy(update={"ice": one}), world(), limit_m=0.4).rmse_m
         for one in motions
     ]
     assert errors[0] <= errors[1] < errors[2]

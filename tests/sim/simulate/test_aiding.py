@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planners.routes.replanning import with_way_home
 from sim.config.mission import SensorConfig
-from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth

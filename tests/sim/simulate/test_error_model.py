@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.instruments.sensor import gauss_markov
-from sim.simulate.error_model import DriveErrors, OdometryErrors, errors_of, fitted
+from sim.simulate.error_model import DriveErrors, OdometryErrors, errors_of, fit_sensor_errors
 from survey.core.errors import InputError
 from survey.core.run_folder import RunFolder
 
@@ -33,7 +33,7 @@ def drive(rng: np.random.Generator, length_m: float = 6000.0, walk_deg: float = 
 
 
 def test_what_was_drawn_is_found(rng):
-    found = fitted([drive(rng), drive(rng)])
+    found = fit_sensor_errors([drive(rng), drive(rng)])
     # 200 independent stretches of attitude give a deviation to 5 %; the others have thousands of draws.
     assert found.yaw_sigma_deg == pytest.approx(0.3, rel=0.15)
     assert found.tilt_sigma_deg == pytest.approx(0.1, rel=0.15)
@@ -48,15 +48,15 @@ def test_what_was_drawn_is_found(rng):
 
 
 def test_a_heading_that_walks_is_found_where_drives_are_long(rng):
-    found = fitted([drive(rng, walk_deg=WALK_DEG) for _ in range(4)])
+    found = fit_sensor_errors([drive(rng, walk_deg=WALK_DEG) for _ in range(4)])
     # 80 stretches of 300 m give their mean square to 16 %, the walk to half of that and what noise of 0.3 deg adds.
     assert found.heading_walk_deg_sqrt_m == pytest.approx(WALK_DEG, rel=0.3)
     assert found.yaw_sigma_deg == pytest.approx(0.3, rel=0.2)
-    assert fitted([drive(rng, 500.0, WALK_DEG)]).heading_walk_deg_sqrt_m == 0.0
+    assert fit_sensor_errors([drive(rng, 500.0, WALK_DEG)]).heading_walk_deg_sqrt_m == 0.0
 
 
 def test_short_drives_and_runs_without_images_are_refused(rng, tmp_path):
     with pytest.raises(InputError, match="more than 120 m"):
-        fitted([drive(rng, 100.0)])
+        fit_sensor_errors([drive(rng, 100.0)])
     with pytest.raises(InputError, match="holds no drive in images"):
         errors_of(RunFolder.open(tmp_path, "empty", "seed = 1", {}, {}))

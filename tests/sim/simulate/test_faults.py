@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.config.mission import RoverConfig
-from sim.config.rover import PhysicsConfig
+from sim.config.rover import PhysicsConfig, RoverConfig
 from sim.config.sensors import FAILURES, FaultConfig, faults_of
 from sim.config.world import AppearanceConfig, ImagingConfig
 from sim.simulate.assembly import Faults, rover_camera

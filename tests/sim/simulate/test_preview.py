@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from PIL import Image as Picture
 
-from sim.simulate.simulated_drive import animated, write_contact_sheet, write_preview
+from sim.simulate.simulated_drive import animate_frames, write_contact_sheet, write_preview
 from survey.data.frames import Frames
 
 
@@ -29,5 +29,5 @@ def test_a_contact_sheet_has_rows_and_columns(tmp_path):
 
 
 def test_an_animation_shows_frames_at_equal_steps():
-    with Picture.open(BytesIO(animated(frames(), n_shown=4))) as animation:
+    with Picture.open(BytesIO(animate_frames(frames(), n_shown=4))) as animation:
         assert animation.n_frames == 4

@@ -7,8 +7,9 @@ import planners
 from planners.registry import steering_of
 from planners.steered_paths import WaypointSteering
 from sim.config.rover import PhysicsConfig
-from sim.simulate.navigation import PoseEstimate, SensedTilt, SteeredPath
+from sim.simulate.navigator import PoseEstimate
 from sim.simulate.simulated_drive import Ending
+from sim.simulate.steering import SensedTilt, SteeredPath
 from sim.simulate.vision import simulate_vision
 from sim.vehicle.pursuit import PurePursuit
 from survey import SurveyArea
@@ -94,7 +95,7 @@ def test_a_drive_in_images_is_steered_by_its_own_accelerometer(tmp_path) -> None
             reference,
             mission(area={"bounds_m": [5.0, 5.0, 19.0, 19.0]}),
             tmp_path / f"recording{slope}",
-            steering=chosen,
+            steered=SteeredPath(chosen),
         )
         assert drive.ending is Ending.ARRIVED
         real = drive.truth.trajectory.position[:, :2]

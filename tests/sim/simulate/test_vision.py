@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
-from sim.simulate.navigation import PoseEstimate
+from sim.simulate.navigator import PoseEstimate
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated

@@ -5,8 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sim.vehicle.motion import GRAVITY_M_S2
-from sim.vehicle.rigid_bodies import BulletBodies, MujocoBodies
-from sim.vehicle.rover import ContactRover
+from sim.vehicle.rigid_bodies import BulletBodies, ContactRover, MujocoBodies
 from survey.core.arrays import FloatArray
 
 

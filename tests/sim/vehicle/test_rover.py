@@ -9,7 +9,7 @@ from planners import Rover
 from sim.config.rover import PhysicsConfig
 from sim.vehicle.motion import KinematicRover
 from sim.vehicle.pursuit import PurePursuit
-from sim.vehicle.rover import ContactRover
+from sim.vehicle.rigid_bodies import ContactRover
 
 ENGINES = [engine for engine in ("bullet", "mujoco") if find_spec({"bullet": "pybullet"}.get(engine, engine))]
 contact = pytest.mark.parametrize("engine", ENGINES)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.world import AppearanceConfig
-from sim.world.appearance import GRAIN_TEXELS, grain_tile, packed, snow_patches, sun_direction
+from sim.world.appearance import GRAIN_TEXELS, grain_tile, pack_tile, snow_patches, sun_direction
 
 
 def test_the_sun_stands_where_the_settings_say():
@@ -14,7 +14,7 @@ def test_the_sun_stands_where_the_settings_say():
 
 def test_a_tile_gives_its_texture_back(rng):
     texture = rng.normal(size=(16, 16)).astype(np.float32)
-    tile = packed(texture, 100.0)
+    tile = pack_tile(texture, 100.0)
     assert tile.starts.tolist() == [0, 256]
     assert len(tile.words) == 256 + 64
     found = ((tile.words[:256] & 255).astype(float) - 128.0) * tile.amplitude

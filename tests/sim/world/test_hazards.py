@@ -8,12 +8,12 @@ from affine import Affine
 from sim.world.hazards import (
     Ground,
     bridged_crevasse,
-    carved,
+    carve_hazards,
     crevasse,
     dirt_cone,
     melt_channel,
     melt_pool,
-    placed,
+    place_hazard,
 )
 
 STEP_M = 0.25
@@ -75,12 +75,12 @@ def test_a_cone_is_30_cm_to_1_m_high(rng: np.random.Generator) -> None:
 
 def test_a_tiny_site_gets_no_hazards(rng: np.random.Generator) -> None:
     tiny = Ground(*(np.zeros((9, 9), np.float32) for _ in range(4)), STEP_M)
-    assert carved(tiny, 3, lambda: dirt_cone(tiny, rng)) == []
+    assert carve_hazards(tiny, 3, lambda: dirt_cone(tiny, rng)) == []
 
 
 def test_outlines_are_placed_in_the_world(rng: np.random.Generator) -> None:
     hazard = dirt_cone(ground(), rng)
     transform = Affine(STEP_M, 0.0, 1000.0, 0.0, -STEP_M, 2000.0)
-    east, north = placed(hazard, transform).outline.centroid.coords[0]
+    east, north = place_hazard(hazard, transform).outline.centroid.coords[0]
     x, y = hazard.outline.centroid.coords[0]
     assert (east, north) == pytest.approx((1000.0 + 0.5 * STEP_M + x, 2000.0 - 0.5 * STEP_M - y))

@@ -1,6 +1,6 @@
 """Fault trees: every missed run counts once on each level, and the picture has a box for each event."""
 
-from sim.mission.rehearsal import NOTHING, FaultEvent, fault_tree, fault_tree_plot, summarized
+from sim.mission.rehearsal import NOTHING, FaultEvent, fault_tree, fault_tree_plot, summarize_outcomes
 
 FOUND = [
     {"cause": "met", "events": ["gps: jump"]},
@@ -35,7 +35,7 @@ def test_faults_stand_below_the_failures_of_their_runs():
 
 
 def test_the_picture_has_a_box_for_every_event():
-    axes = fault_tree_plot(summarized(FOUND), fault_tree(FOUND)).axes[0]
+    axes = fault_tree_plot(summarize_outcomes(FOUND), fault_tree(FOUND)).axes[0]
     labels = [text.get_text().replace("\n", " ") for text in axes.texts]
     assert "class missed: 7" in labels
     assert f"{NOTHING}: 2" in labels
@@ -45,5 +45,5 @@ def test_the_picture_has_a_box_for_every_event():
 
 def test_a_rehearsal_without_a_miss_has_a_single_box():
     met = [{"cause": "met", "events": []}]
-    axes = fault_tree_plot(summarized(met), fault_tree(met)).axes[0]
+    axes = fault_tree_plot(summarize_outcomes(met), fault_tree(met)).axes[0]
     assert [text.get_text() for text in axes.texts] == ["class missed: 0"]

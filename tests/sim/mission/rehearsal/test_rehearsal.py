@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from sim.config.mission import MissionConfig
-from sim.mission.rehearsal import DRAWN_LOSS, drawn_mission, outcomes, rehearse, summarized
+from sim.mission.rehearsal import DRAWN_LOSS, draw_mission, outcomes, rehearse_mission, summarize_outcomes
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
 
@@ -32,13 +32,13 @@ def mission(**changes: object) -> MissionConfig:
 
 
 def test_every_run_has_a_seed_and_settings_of_its_own():
-    runs = [drawn_mission(mission(), k) for k in range(20)]
+    runs = [draw_mission(mission(), k) for k in range(20)]
     assert len({config.seed for config, _ in runs}) == 20
     speeds = [config.rover.speed_m_s for config, _ in runs]
     assert speeds == [drawn["rover.speed_m_s"] for _, drawn in runs]
     assert 0.5 <= min(speeds) < 0.8
     assert 1.2 < max(speeds) <= 1.5
-    assert drawn_mission(mission(), 7) == drawn_mission(mission(), 7)
+    assert draw_mission(mission(), 7) == draw_mission(mission(), 7)
 
 
 def test_a_fault_affects_a_rover_with_its_probability():
@@ -49,28 +49,33 @@ def test_a_fault_affects_a_rover_with_its_probability():
 
 
 def test_outcomes_are_stored_and_not_computed_again(tmp_path: Path):
-    folder = rehearse(mission(), tmp_path, 2, workers=1)
+    folder = rehearse_mission(mission(), tmp_path, 2, workers=1)
     first = (folder / "run-0001.json").stat().st_mtime_ns
     done = list[tuple[int, int]]()
-    again = rehearse(mission(), tmp_path, 3, workers=1, watch=lambda n, total: done.append((n, total)))
+    again = rehearse_mission(
+        mission(), tmp_path, 3, workers=1, watch=lambda n, total: done.append((n, total))
+    )
     assert again == folder
     assert (folder / "run-0001.json").stat().st_mtime_ns == first
     assert done == [(3, 3)]
     found = outcomes(folder, 3)
     assert [one["run"] for one in found] == [1, 2, 3]
-    assert summarized(found).n_runs == 3
+    assert summarize_outcomes(found).n_runs == 3
 
 
 @pytest.mark.long
 def test_outcomes_do_not_depend_on_the_number_of_workers(tmp_path: Path):
     drawn = mission(fidelity="statistical")
-    tables = [outcomes(rehearse(drawn, tmp_path / str(workers), 2, workers=workers), 2) for workers in (1, 2)]
+    tables = [
+        outcomes(rehearse_mission(drawn, tmp_path / str(workers), 2, workers=workers), 2)
+        for workers in (1, 2)
+    ]
     assert tables[0] == tables[1]
 
 
 def test_a_run_that_is_refused_is_an_outcome(tmp_path: Path):
     stopped = mission(faults=(LATE | {"from_s": 1.0, "probability": 1.0},))
-    found = outcomes(rehearse(stopped, tmp_path, 1, workers=1), 1)
+    found = outcomes(rehearse_mission(stopped, tmp_path, 1, workers=1), 1)
     assert found[0]["cause"] == "refused"
     assert "before it has recorded" in found[0]["message"]
 
@@ -78,23 +83,23 @@ def test_a_run_that_is_refused_is_an_outcome(tmp_path: Path):
 def test_a_setting_that_does_not_exist_is_refused_by_its_name():
     wrong = mission(rehearsal=({"setting": "rover.sped_m_s", "between": (1.0, 2.0)},))
     with pytest.raises(ConfigError, match="speed_m_s"):
-        drawn_mission(wrong, 0)
+        draw_mission(wrong, 0)
     with pytest.raises(ConfigError, match="smaller value first"):
         mission(rehearsal=({"setting": "rover.speed_m_s", "between": (2.0, 1.0)},))
 
 
 def test_the_interval_is_that_of_a_binomial_share():
-    summary = summarized([{"cause": "met"}] * 8 + [{"cause": "level"}] * 2)
+    summary = summarize_outcomes([{"cause": "met"}] * 8 + [{"cause": "level"}] * 2)
     assert summary.probability == pytest.approx(0.8)
     assert summary.interval == pytest.approx((0.4439, 0.9748), abs=1e-4)
-    assert summarized([{"cause": "lost"}] * 3).interval[0] == 0.0
+    assert summarize_outcomes([{"cause": "lost"}] * 3).interval[0] == 0.0
 
 
 def test_an_outcome_names_the_events_of_its_rovers(tmp_path: Path):
     lost = mission(
         fleet={"loss_probability": 1.0}, faults=({"component": "gps", "failure": "jump", "from_s": 5.0},)
     )
-    found = outcomes(rehearse(lost, tmp_path, 1, workers=1), 1)
+    found = outcomes(rehearse_mission(lost, tmp_path, 1, workers=1), 1)
     assert found[0]["events"] == sorted([DRAWN_LOSS, "gps: jump", "stalled"])
 
 
@@ -102,13 +107,13 @@ def test_an_outcome_names_the_events_of_its_rovers(tmp_path: Path):
 @pytest.mark.slow
 def test_outcomes_on_dask_are_those_of_this_process(tmp_path: Path):
     pytest.importorskip("distributed")
-    alone = outcomes(rehearse(mission(), tmp_path / "one", 2, engine="serial"), 2)
-    assert outcomes(rehearse(mission(), tmp_path / "two", 2, engine="dask", workers=1), 2) == alone
+    alone = outcomes(rehearse_mission(mission(), tmp_path / "one", 2, engine="serial"), 2)
+    assert outcomes(rehearse_mission(mission(), tmp_path / "two", 2, engine="dask", workers=1), 2) == alone
 
 
 def test_a_scheduler_that_does_not_answer_is_refused_before_a_run(tmp_path: Path):
     with pytest.raises(InputError, match="no dask scheduler answers"):
-        rehearse(mission(), tmp_path, 1, engine="dask", scheduler="tcp://127.0.0.1:9")
+        rehearse_mission(mission(), tmp_path, 1, engine="dask", scheduler="tcp://127.0.0.1:9")
     assert not list(tmp_path.rglob("run-*.json"))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.simulate.simulated_drive import STEERED_HZ, DriveMonitor, Ending, heading_of
+from sim.simulate.simulated_drive import STEERED_HZ, DriveMonitor, Ending
 from sim.vehicle.motion import RoverState
 from sim.vehicle.pursuit import PurePursuit
 from tests.sim.simulate.test_vision import mission
@@ -54,4 +54,4 @@ def test_a_rover_that_stays_where_it_is_has_stalled():
 
 
 def test_headings_count_from_east():
-    assert heading_of(state(turn=(0.0, 0.0, np.sin(0.4), np.cos(0.4)))) == pytest.approx(0.8)
+    assert state(turn=(0.0, 0.0, np.sin(0.4), np.cos(0.4))).heading_rad == pytest.approx(0.8)

@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim.config.mission import MissionConfig
-from sim.simulate.navigation import Start
-from sim.simulate.navigator import OnboardComputer, Subprocess, navigating
+from sim.simulate.navigator import OnboardComputer, Start, Subprocess, navigating
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated

@@ -4,12 +4,13 @@ import numpy as np
 
 import planners
 from planners import PiecewiseContinuousConfig
-from planners.steering import Attitude
+from planners.steering import Attitude, AttitudeSensor
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
-from sim.mission.drives import _steering_on_the_way, steered
-from sim.simulate.simulation import sensed_attitude, sensed_attitudes
+from sim.mission.drives import _steering_on_the_way, steer_route
+from sim.simulate.steering import add_attitude_errors
 from sim.world.site import build_world
+from survey.core.streams import stream
 
 NO_ERRORS = {"tilt_sigma_deg": 0.0, "gps_bias_sigma_m": 0.0}
 
@@ -30,9 +31,14 @@ def mission(fidelity: str = "statistical", **sensors: float) -> MissionConfig:
     )
 
 
+def with_errors(sense: AttitudeSensor, config: MissionConfig) -> AttitudeSensor:
+    errors = stream(config.seed, "steering", "sensed")
+    return add_attitude_errors(sense, config.sensors, config.rover.speed_m_s, [errors])
+
+
 def angles_deg(config: MissionConfig, n: int = 4000) -> np.ndarray:
     """Roll and pitch (n, 2) that are sensed on level ground, one a metre."""
-    sense = sensed_attitude(level, config)
+    sense = with_errors(level, config)
     sensed = [sense(np.array([[float(k), 0.0]]), np.zeros(1)) for k in range(n)]
     return np.degrees([[one.roll_rad[0], one.pitch_rad[0]] for one in sensed])
 
@@ -52,7 +58,7 @@ def test_ground_is_sensed_at_the_real_place() -> None:
         places.append(xy[0].copy())
         return level(xy, heading)
 
-    sensed = sensed_attitude(sense, mission(gps_bias_sigma_m=2.0, gps_correlation_time_s=50.0))
+    sensed = with_errors(sense, mission(gps_bias_sigma_m=2.0, gps_correlation_time_s=50.0))
     for k in range(3000):
         sensed(np.array([[float(k), 0.0]]), np.zeros(1))
     beside = np.array(places) - np.column_stack([np.arange(3000.0), np.zeros(3000)])
@@ -69,7 +75,7 @@ def test_the_route_follows_what_is_sensed_and_not_the_ground_itself() -> None:
     }.items():
         world = build_world(config)
         route = planners.plan(world.area, world.prior, config.planner, rover=config.rover)
-        driven[name] = np.vstack([leg.xy for leg in steered(route, world, config).legs])
+        driven[name] = np.vstack([leg.xy for leg in steer_route(route, world, config).legs])
     np.testing.assert_array_equal(driven["exact"], driven["ideal"])
     assert (
         driven["errors"].shape != driven["ideal"].shape
@@ -81,7 +87,7 @@ def test_errors_of_a_rover_do_not_depend_on_others_nor_on_waiting_for_them() -> 
     sensors = SensorConfig(tilt_sigma_deg=1.0)
 
     def driven(ways: list[np.ndarray], seeds: list[int]) -> np.ndarray:
-        sense = sensed_attitudes(level, sensors, 1.0, [np.random.default_rng(seed) for seed in seeds])
+        sense = add_attitude_errors(level, sensors, 1.0, [np.random.default_rng(seed) for seed in seeds])
         return np.array(
             [sense(np.array(here), np.zeros(len(here))).roll_rad for here in zip(*ways, strict=True)]
         )

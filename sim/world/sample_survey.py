@@ -6,12 +6,8 @@ import numpy as np
 from pyproj import CRS
 
 from planners import LawnmowerConfig, plan
+from survey import Dem, Grid, Route, SurfacePoints, SurveyArea
 from survey.core.arguments import check_types
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.route import Route
-from survey.data.surface_points import SurfacePoints
 from survey.terrain import matern_field
 
 _CRS = CRS("EPSG:32608")

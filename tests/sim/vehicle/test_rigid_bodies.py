@@ -5,25 +5,25 @@ import sys
 
 import pytest
 
-from sim.vehicle import rigid_bodies as engines
-from sim.vehicle.rigid_bodies import chosen_engine
+from sim.vehicle import rigid_bodies
+from sim.vehicle.rigid_bodies import choose_engine
 from survey.core.errors import ConfigError
 
 
 @pytest.fixture
 def installed(monkeypatch):
     def only(*modules):
-        monkeypatch.setattr(engines, "find_spec", lambda name: name if name in modules else None)
+        monkeypatch.setattr(rigid_bodies, "find_spec", lambda name: name if name in modules else None)
 
     return only
 
 
 def test_contact_takes_bullet_and_else_mujoco(installed):
     installed("pybullet", "mujoco")
-    assert chosen_engine("contact") == "bullet"
-    assert chosen_engine("mujoco") == "mujoco"
+    assert choose_engine("contact") == "bullet"
+    assert choose_engine("mujoco") == "mujoco"
     installed("mujoco")
-    assert chosen_engine("contact") == "mujoco"
+    assert choose_engine("contact") == "mujoco"
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_contact_takes_bullet_and_else_mujoco(installed):
 def test_an_engine_that_is_not_installed_is_refused_in_one_sentence(installed, name, message):
     installed()
     with pytest.raises(ConfigError, match=message):
-        chosen_engine(name)
+        choose_engine(name)
 
 
 def test_a_missing_bullet_ends_in_one_error_and_no_recursion(monkeypatch):
