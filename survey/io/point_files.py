@@ -34,13 +34,13 @@ from survey.io.column_names import (
     say_columns,
     spelled,
 )
-from survey.io.las_header import check_claim
 from survey.io.point_table import (
     CRC,
     DATUM,
     PLACE,
     PointTable,
     add_column,
+    check_claim,
     check_count,
     damaged,
     in_own_columns,

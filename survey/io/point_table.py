@@ -233,6 +233,14 @@ def check_count(file: Path, n_points: int) -> None:
         )
 
 
+def check_claim(file: Path, n_points: int, point_bytes: int, ratio: int = 1) -> None:
+    """Refuse a header that claims more points than the file can hold."""
+    if n_points * max(point_bytes, 1) > file.stat().st_size * ratio:
+        raise InputError(
+            f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
+        )
+
+
 def damaged(file: Path, kind: str, error: BaseException) -> InputError:
     """Return the refusal of a file that a library could not read."""
     return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")
