@@ -33,7 +33,7 @@ from vision_slam.odometry.visual_odometry import visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
-_ODOMETRY_CODE = ("vision_slam/odometry", "vision_slam/inertial", "vision_slam/attitude.py")
+_ODOMETRY_CODE = ("vision_slam/odometry", "vision_slam/attitude.py", "vision_slam/motion.py")
 Profile = Literal["white", "gauss-markov-60", "gauss-markov-300"]
 
 

@@ -23,9 +23,8 @@ from live.mission.transfer import fetch_items, send_items, start_mission
 from survey.core.arrays import FloatArray, Progress
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.core.transformation import chosen_crs, transformed
+from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.route import Leg, Route
-from survey.io.vector import WGS84
 
 _MOST_TRANSFERS = 6
 MOST_UPLOAD_S = 600.0

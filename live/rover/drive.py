@@ -10,9 +10,8 @@ from pyproj import CRS
 from live.mission.items import EXCLUSION_POLYGON, INCLUSION_POLYGON, LinkItem
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.core.transformation import chosen_crs, transformed
+from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.dem import Dem
-from survey.io.vector import WGS84
 
 _STEP_M = 0.5
 

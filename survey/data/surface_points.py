@@ -31,7 +31,7 @@ from survey.core.errors import InputError
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.conversions import draw_points, html_table, to_geodataframe, value_range
 from survey.io.point_files import read_point_table, write_point_table
-from survey.io.point_table import PLACE, PointTable, ground_of, once_each, say_projected
+from survey.io.point_table import PLACE, PointTable, ground_of, log_projection, once_each
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -416,7 +416,7 @@ def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
     x, y = (table.columns[name] for name in PLACE[:2])
     target = chosen_crs(x, y) if crs is None else projected_crs(crs, where)
     east, north = transformed(np.column_stack([x, y]), stated, target, where).T
-    say_projected(where, target)
+    log_projection(where, target)
     return table._replace(columns={**table.columns, PLACE[0]: east, PLACE[1]: north}, crs=target)
 
 

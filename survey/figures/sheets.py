@@ -23,7 +23,7 @@ from survey.core.arrays import Bounds
 from survey.core.crs import crs_text
 from survey.core.map_scale import ground_area_m2, ground_length_m
 from survey.core.text import area_text, duration_text, energy_text, length_text, place_text
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
@@ -41,7 +41,6 @@ from survey.figures.map_layers import (
 )
 from survey.figures.page_layout import Column, Page
 from survey.figures.style import ELEVATION, INK, styled
-from survey.io.vector import WGS84
 
 
 class RoverEffort(NamedTuple):

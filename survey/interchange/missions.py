@@ -19,11 +19,11 @@ from survey.core.arrays import FloatArray
 from survey.core.crs import ELLIPSOIDAL, same_crs
 from survey.core.errors import InputError
 from survey.core.files import replacing
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.io.vector import WGS84, require_transformation
+from survey.io.vector import require_transformation
 
 FENCE_MARGIN_M = 10.0
 """Distance of the fence of an autopilot from the outline of the area, to its outside [m]."""

@@ -19,10 +19,10 @@ from shapely import LineString, Polygon
 from survey.core.arrays import FloatArray
 from survey.core.files import replacing
 from survey.core.text import printable
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings, write_qgc_plan, write_wpl
-from survey.io.vector import WGS84, require_transformation, write_features
+from survey.io.vector import require_transformation, write_features
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
 _FIELDS = {"order": "int", "kind": "string", "rover": "int", "length_m": "double"}

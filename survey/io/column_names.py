@@ -450,7 +450,7 @@ def _is_feet(plain: str, kind: str) -> bool:
     return bool(_FEET.search(plain)) and _FEET.sub("", plain) in SPELLINGS[kind]
 
 
-def say_columns(where: str, names: ColumnNames) -> None:
+def log_columns(where: str, names: ColumnNames) -> None:
     """Log which columns were read, where their names are not firnline's own."""
     if not names.are_own:
         logging.getLogger(__name__).warning("%s", names.sentence(where))

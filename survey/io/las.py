@@ -20,7 +20,16 @@ from survey.core.crs import UNSTATED, vertical_datum_of
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 from survey.io.arrays_file import checksum, refuse_altered
-from survey.io.point_table import CRC, DATUM, PLACE, PointTable, add_column, check_claim, check_count, damaged
+from survey.io.point_table import (
+    CRC,
+    DATUM,
+    PLACE,
+    PointTable,
+    add_column,
+    check_claim,
+    check_count,
+    damaged_points,
+)
 
 GROUND, NOISE = 2, (7, 18)
 """Classes of LAS."""
@@ -55,12 +64,12 @@ def opened_las(file: Path, **options: Any) -> Iterator[Any]:
     except InputError:
         raise
     except _LAS_FAULTS as error:
-        raise damaged(file, "LAS", error) from error
+        raise damaged_points(file, "LAS", error) from error
     except BaseException as error:
         # The decompressor's Rust panics derive from no Exception and have no name to import.
         if type(error).__name__ != "PanicException":
             raise
-        raise damaged(file, "LAS", error) from error
+        raise damaged_points(file, "LAS", error) from error
 
 
 def read_las(path: Path) -> PointTable:

@@ -15,11 +15,11 @@ from survey.io.column_names import (
     ColumnNames,
     axis_of,
     datum_of_column,
+    log_columns,
     metres_factor,
     one_column,
     refuse_feet,
     renamed_header,
-    say_columns,
 )
 from survey.io.point_files import VECTOR_ENDINGS, read_point_table, refuse_marks
 from survey.io.point_table import PLACE, PointTable, in_own_columns, place_columns
@@ -73,7 +73,7 @@ def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple
     }
     names = text.texts(original[used[_NAME]]) if _NAME in used else ()
     read = {own: original[name] for own, name in used.items()}
-    say_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
+    log_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
     datum = datum_of_column(read[PLACE[2]])
     table = PointTable(*in_own_columns(numbers, text.where), datum)
     if table.crs is not None:

@@ -15,7 +15,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files import existing_file
-from survey.io.point_table import damaged
+from survey.io.point_table import damaged_points
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
 _STRIP = ("point_source_id", "PointSourceId", "strip")
@@ -57,7 +57,7 @@ def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
         ply = plyfile.PlyData.read(str(file), mmap="r")
         return ply["vertex"].data, list(ply.comments)
     except (plyfile.PlyParseError, KeyError, ValueError, MemoryError, TypeError, IndexError) as error:
-        raise damaged(file, "PLY", error) from error
+        raise damaged_points(file, "PLY", error) from error
 
 
 def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
@@ -98,7 +98,7 @@ def _opened_parquet(file: Path) -> Any:
     try:
         opened: Any = parquet.ParquetFile(file)
     except (pyarrow.ArrowException, OSError) as error:
-        raise damaged(file, "Parquet", error) from error
+        raise damaged_points(file, "Parquet", error) from error
     return opened
 
 

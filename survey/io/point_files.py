@@ -27,11 +27,11 @@ from survey.io.column_names import (
     ColumnNames,
     axis_of,
     datum_of_column,
+    log_columns,
     metres_factor,
     one_column,
     refuse_feet,
     renamed_header,
-    say_columns,
     spelled,
 )
 from survey.io.point_table import (
@@ -42,7 +42,7 @@ from survey.io.point_table import (
     add_column,
     check_claim,
     check_count,
-    damaged,
+    damaged_points,
     in_own_columns,
     place_columns,
 )
@@ -132,7 +132,7 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     names = {name: _SIGMA if own == sigma else own for name, own in names.items()}
     numbers = {own: metres_factor(name) * text.numbers(name, axis_of(own)) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
-    say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
+    log_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
     _refuse_places_of_text(text, known, set(numbers))
     height = place_columns(list(numbers), text.where).names[2]
     datum = datum_of_column(next(name for name, own in names.items() if own == height))
@@ -172,7 +172,7 @@ def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTa
     for name, column in attributes.items():
         if name not in {*names, *names.values()} and np.issubdtype(column.dtype, np.number):
             add_column(found, name, column, path)
-    say_columns(where, ColumnNames(names))
+    log_columns(where, ColumnNames(names))
     crs = features.crs
     stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
     stated = stated or datum_of_column(names.get(_HEIGHT, ""))
@@ -269,7 +269,7 @@ def read_ply(path: Path) -> PointTable:
         TypeError,
         IndexError,
     ) as error:
-        raise damaged(file, "PLY", error) from error
+        raise damaged_points(file, "PLY", error) from error
     missing = {"x", "y", "z"} - set(vertices.dtype.names)
     if missing:
         raise InputError(
@@ -367,7 +367,7 @@ def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
     if name is None or name == _SIGMA:
         return table
     columns = {key: column for key, column in table.columns.items() if key != name}
-    say_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
+    log_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
     return table._replace(columns={**columns, _SIGMA: metres_factor(name) * table.columns[name]})
 
 

@@ -14,7 +14,7 @@ from survey.core.arrays import DataObject, FloatArray, IntArray, checked
 from survey.core.errors import InputError
 from survey.core.text import printable
 from survey.data.sensors.records import SensorRecords
-from survey.io.column_names import ColumnNames, metres_factor, one_column, refuse_feet, say_columns
+from survey.io.column_names import ColumnNames, log_columns, metres_factor, one_column, refuse_feet
 from survey.io.point_table import place_columns
 from survey.io.tables import read_table, write_table
 from survey.io.text_tables import TextTable, read_text_table, refuse_clock_numbers
@@ -256,7 +256,7 @@ def _names(table: TextTable) -> dict[str, str]:
     found |= dict(zip("xyz", places.names, strict=True))
     found["sigma"] = "sigma" if "sigma" in header else one_column("sigma_z", header, where)
     names = {kind: name for kind, name in found.items() if name is not None}
-    say_columns(where, ColumnNames(names, tuple(name for name in header if name not in names.values())))
+    log_columns(where, ColumnNames(names, tuple(name for name in header if name not in names.values())))
     return names
 
 

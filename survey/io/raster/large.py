@@ -20,7 +20,7 @@ from survey.core.crs import UNSTATED, vertical_datum_of
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, replacing, unwritable, warnings_logged
 from survey.io.dataset_files import stale_files
-from survey.io.raster.opening import check_transform, crs_tag, gdal_faults
+from survey.io.raster.opening import check_transform, crs_tag, rasterio_errors
 from survey.io.raster.reading import (
     NODATA,
     VERTICAL_TAG,
@@ -116,7 +116,7 @@ def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
         try:
             _write_tiled(existing_file(source, "the raster"), Path(folder) / "cells.tif", names, crs)
             _copy(Path(folder) / "cells.tif", draft, options)
-        except gdal_faults() as error:
+        except rasterio_errors() as error:
             raise unwritable(target, error) from error
 
 

@@ -69,8 +69,8 @@ def _checked(file: Path) -> Iterator[None]:
     try:
         with warnings_logged():
             yield
-    except gdal_faults() as error:
-        raise damaged(file, error) from error
+    except rasterio_errors() as error:
+        raise damaged_raster(file, error) from error
 
 
 def _dataset(file: Path, band: int) -> Any:
@@ -133,7 +133,7 @@ def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
         )
 
 
-def damaged(file: Path, error: Exception) -> InputError:
+def damaged_raster(file: Path, error: Exception) -> InputError:
     """Return the refusal of a raster that GDAL cannot read."""
     if isinstance(error, MemoryError):
         return CapacityError(
@@ -144,7 +144,7 @@ def damaged(file: Path, error: Exception) -> InputError:
     )
 
 
-def gdal_faults() -> tuple[type[Exception], ...]:
+def rasterio_errors() -> tuple[type[Exception], ...]:
     """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError

@@ -24,7 +24,7 @@ from survey.io.arrays_file import refuse_altered
 from survey.io.raster.opening import (
     LARGEST_CELLS,
     checked_band,
-    damaged,
+    damaged_raster,
     opened_dataset,
     opened_list_of_bands,
     refuse_damaged_blocks,
@@ -81,7 +81,7 @@ def read_raster(
     try:
         datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
     except CRSError as error:
-        raise damaged(file, error) from error
+        raise damaged_raster(file, error) from error
     values, transform = _north_up(values, transform)
     return Raster(values, transform, crs, datum, stored_as)
 

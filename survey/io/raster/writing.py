@@ -22,7 +22,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, replacing, unwritable, warnings_logged
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
-from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, gdal_faults, opened_dataset
+from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, opened_dataset, rasterio_errors
 from survey.io.raster.reading import (
     CRC_TAG,
     NODATA,
@@ -121,7 +121,7 @@ def _write_gdal(
                     )
                     if options["driver"] == "COG":
                         target.set_band_description(index, name)
-        except gdal_faults() as error:
+        except rasterio_errors() as error:
             raise unwritable(path, error) from error
         if not draft.is_file() or draft.stat().st_size == 0:
             raise unwritable(path, "nothing arrived on the disk")

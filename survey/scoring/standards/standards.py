@@ -120,7 +120,7 @@ def standard_named(name: str) -> Standard:
     return STANDARDS[name]
 
 
-INCH_M, _UNUSED_FOOT_M = 0.0254, 0.3048
+INCH_M = 0.0254
 # Two-sided 95 % and 90 % of a normal error, and the circular 95 % and 90 % in standard deviations of one axis.
 Z95, Z90, C95, C90 = 1.9600, 1.6449, 2.4477, 2.1460
 VVA_FACTOR = 3.00
