@@ -14,7 +14,7 @@ import tomlkit
 from survey.core.arrays import DataObject, FloatArray, checked
 from survey.core.config import Section, read_toml, validated
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core.files import existing_file, write_text
 
 
 class CalibrationTable(Section):
@@ -206,8 +206,7 @@ class Camera(DataObject):
             "T_body_camera": self.T_body_camera.tolist(),
             "row_readout_s": self.row_readout_s,
         }
-        with replacing(path) as draft:
-            draft.write_text(tomlkit.dumps(content), encoding="utf-8")
+        write_text(path, tomlkit.dumps(content))
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

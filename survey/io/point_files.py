@@ -47,7 +47,7 @@ from survey.io.point_table import (
     place_columns,
 )
 from survey.io.raster.values import HIGHEST_M, LOWEST_M, MARKS, MARKS_IN_METRES
-from survey.io.tables import read_table, write_table
+from survey.io.tables import is_number, read_table, write_table
 from survey.io.text_tables import LARGEST_BYTES, TextTable, read_text_table, refuse_hemispheres
 from survey.io.vector import read_features, write_features
 
@@ -108,15 +108,7 @@ def _is_plain(file: Path) -> bool:
     if set(PLACE) <= names or not first.strip():
         return True
     has_sigma = any(spelled(name, "sigma_z") for name in names)
-    return "," in header and not has_sigma and all(map(_is_number, first.split(",")))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    return "," in header and not has_sigma and all(map(is_number, first.split(",")))
 
 
 def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = ()) -> PointTable:
@@ -154,14 +146,14 @@ def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: s
 
 VECTOR_ENDINGS = (".gpkg", ".geojson", ".json", ".shp", ".fgb")
 """Endings of vector files that points are read from."""
-_HEIGHT, _SIGMA_Z = PLACE[2], "sigma_z_m"
+_HEIGHT = PLACE[2]
 
 Attributes = dict[str, npt.NDArray[Any]]
 
 
 def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
     """Read points from a vector file; `columns` names attributes by own name, such as ``{"z_m": "Elevation"}``."""
-    features, where = read_features(path, what="the point file"), f"the point file {path}"
+    features, where = read_features(path, what=_WHAT), f"{_WHAT} {path}"
     _refuse_other_shapes(features.geometry, where)
     attributes = dict(features.attributes)
     datum = attributes.pop(DATUM, None)
@@ -198,7 +190,7 @@ def _used_attributes(
     attributes: Attributes, given: Mapping[str, str], geometry: npt.NDArray[Any], where: str
 ) -> dict[str, str]:
     """Return the attributes that are read by own name: those that were chosen, and usual ones of heights and their errors."""
-    chosen = next((key for key in given if key not in (_HEIGHT, _SIGMA_Z)), None)
+    chosen = next((key for key in given if key not in (_HEIGHT, _SIGMA)), None)
     if chosen is not None:
         raise InputError(
             f"{where} has its places in its geometry, and {chosen} was chosen from the attribute {given[chosen]}; "
@@ -208,7 +200,7 @@ def _used_attributes(
     renamed_header(header, given, where)
     found = {
         _HEIGHT: given.get(_HEIGHT) or _height(attributes, shapely.get_z(geometry), where),
-        _SIGMA_Z: given.get(_SIGMA_Z) or one_column("sigma_z", header, where),
+        _SIGMA: given.get(_SIGMA) or one_column("sigma_z", header, where),
     }
     return {own: name for own, name in found.items() if name is not None}
 
@@ -255,7 +247,7 @@ _COARSE_M = 0.01
 
 def read_ply(path: Path) -> PointTable:
     """Read a PLY file, and check its checksum where firnline wrote it."""
-    file = existing_file(path, "the point file")
+    file = existing_file(path, _WHAT)
     _check_ply_claim(file)
     try:
         ply = plyfile.PlyData.read(str(file))

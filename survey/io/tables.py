@@ -116,19 +116,20 @@ def _numbers(
         (number, index, cell)
         for number, row in zip(lines, cells, strict=True)
         for index, cell in zip(kept, row, strict=True)
-        if not _is_number(cell)
+        if "_" in cell or not is_number(cell)
     )
     raise InputError(
         f"{where}, line {number}: {cell[:_LONGEST_CELL]!r} in the column {header[index]} is no number; correct it."
     )
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number to Python, which takes 1_000 for one too."""
     try:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell
+    return True
 
 
 def _refuse_cut_off(file: Path, n_columns: int, where: str) -> None:

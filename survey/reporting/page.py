@@ -13,7 +13,7 @@ import numpy as np
 from survey import figures
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files import write_bytes
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot
@@ -134,10 +134,8 @@ def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:
             f"the report folder {folder} could not be made ({error.strerror or error}); choose another place."
         ) from error
     for name, picture in pictures.items():
-        with replacing(folder / "figures" / f"{name}.{picture.kind}") as draft:
-            draft.write_bytes(picture.image)
-    with replacing(folder / "index.html") as draft:
-        draft.write_bytes(page.encode("utf-8"))
+        write_bytes(folder / "figures" / f"{name}.{picture.kind}", picture.image)
+    write_bytes(folder / "index.html", page.encode("utf-8"))
     return folder / "index.html"
 
 

@@ -19,7 +19,7 @@ from pyproj.crs import CompoundCRS
 from survey.core.arrays import FloatArray
 from survey.core.crs import UNSTATED, VERTICAL_CRS, projected_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, replacing, unwritable, warnings_logged
+from survey.core.files import existing_file, replacing, unwritable, warnings_logged, write_bytes
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
 from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, opened_dataset, rasterio_errors
@@ -262,8 +262,7 @@ def write_categories(
     for category in categories:
         ET.SubElement(names, "Category").text = category
     ET.indent(root)
-    with replacing(file.with_name(f"{file.name}.aux.xml")) as draft:
-        draft.write_bytes(ET.tostring(root, encoding="utf-8") + b"\n")
+    write_bytes(file.with_name(f"{file.name}.aux.xml"), ET.tostring(root, encoding="utf-8") + b"\n")
 
 
 class Codes(NamedTuple):

@@ -20,7 +20,7 @@ from shapely.validation import explain_validity
 from survey.core.crs import agreed_crs, projected_crs
 from survey.core.documents import write_json
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files import write_text
 from survey.core.text import csv_cell
 from survey.core.transformation import transformed
 from survey.data.area import simple_rings
@@ -174,8 +174,7 @@ def write_change(
     table = csv.DictWriter(text, TABLE_COLUMNS, lineterminator="\n")
     table.writeheader()
     table.writerows({**row, "name": csv_cell(row["name"])} for row in facts["volumes"])
-    with replacing(place / "change.csv") as draft:
-        draft.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    write_text(place / "change.csv", text.getvalue())
     write_json(place / "change.json", facts)
 
 
