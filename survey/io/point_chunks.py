@@ -15,6 +15,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files import existing_file
+from survey.io.ply import PlyError, read_vertices
 from survey.io.point_table import damaged_points
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
@@ -33,6 +34,8 @@ def ply_facts(file: Path) -> tuple[int, Bounds, Any]:
     """Return number, bounds [m] and stated CRS of the vertices of a PLY file."""
     vertices, comments = _mapped_ply(file)
     axes = _axes(vertices.dtype.names or (), file)
+    if len(vertices) == 0:
+        raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
     low, high = ([float(f(vertices[a])) for a in axes[:2]] for f in (np.min, np.max))
     crs = next((text.split(" ", 1)[1] for text in comments if text.startswith("crs ")), None)
     return len(vertices), (low[0], low[1], high[0], high[1]), crs
@@ -51,12 +54,9 @@ def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnC
 
 
 def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
-    import plyfile
-
     try:
-        ply = plyfile.PlyData.read(str(file), mmap="r")
-        return ply["vertex"].data, list(ply.comments)
-    except (plyfile.PlyParseError, KeyError, ValueError, MemoryError, TypeError, IndexError) as error:
+        return read_vertices(file)
+    except (PlyError, MemoryError) as error:
         raise damaged_points(file, "PLY", error) from error
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import plyfile
 import shapely
 from pyproj import CRS
 
@@ -34,6 +33,7 @@ from survey.io.column_names import (
     renamed_header,
     spelled,
 )
+from survey.io.ply import PlyError, read_header, read_vertices, write_vertices
 from survey.io.point_table import (
     CRC,
     DATUM,
@@ -241,38 +241,31 @@ def _numbers(attributes: Attributes, name: str, where: str) -> FloatArray:
     return np.asarray(attributes[name], dtype=np.float64)
 
 
-_PLY_HEAD = 65_536
 _COARSE_M = 0.01
 
 
 def read_ply(path: Path) -> PointTable:
     """Read a PLY file, and check its checksum where firnline wrote it."""
     file = existing_file(path, _WHAT)
-    _check_ply_claim(file)
     try:
-        ply = plyfile.PlyData.read(str(file))
-        vertices = ply["vertex"].data
-    except (
-        plyfile.PlyParseError,
-        KeyError,
-        ValueError,
-        MemoryError,
-        OverflowError,
-        TypeError,
-        IndexError,
-    ) as error:
+        for element in read_header(file).elements:
+            check_claim(file, element.n_rows, 1)
+            check_count(file, element.n_rows)
+        vertices, comments = read_vertices(file)
+    except (PlyError, MemoryError) as error:
         raise damaged_points(file, "PLY", error) from error
-    missing = {"x", "y", "z"} - set(vertices.dtype.names)
+    names = vertices.dtype.names or ()
+    missing = {"x", "y", "z"} - set(names)
     if missing:
         raise InputError(
             f"the point file {file} has vertices without {', '.join(sorted(missing))}; get it again."
         )
     columns = dict(zip(PLACE, (vertices[axis].astype(np.float64) for axis in "xyz"), strict=True))
     _say_rounded(file, vertices)
-    for name in vertices.dtype.names:
-        if name not in "xyz" and np.issubdtype(vertices.dtype[name], np.number):
+    for name in names:
+        if name not in "xyz":
             add_column(columns, name, vertices[name], file)
-    stated = dict(comment.split(" ", 1) for comment in ply.comments if " " in comment)
+    stated = dict(comment.split(" ", 1) for comment in comments if " " in comment)
     if CRC in stated:
         refuse_altered(file, stated[CRC], [vertices], f"its comment {CRC}")
     return PointTable(columns, stated.get("crs"), stated.get(DATUM, UNSTATED))
@@ -280,7 +273,7 @@ def read_ply(path: Path) -> PointTable:
 
 def write_ply(path: Path, table: PointTable) -> None:
     """Write a binary PLY file with a checksum."""
-    names = {**dict(zip(PLACE, "xyz", strict=True))}
+    names = dict(zip(PLACE, "xyz", strict=True))
     fields = [(names.get(name, name), "<f8") for name in table.columns]
     vertices = np.empty(len(table.columns["x_m"]), dtype=fields)
     for name, column in table.columns.items():
@@ -289,14 +282,18 @@ def write_ply(path: Path, table: PointTable) -> None:
     comments = [f"crs {crs_text(crs)}", f"{CRC} {checksum([vertices])}"]
     if table.vertical_datum:
         comments.append(f"{DATUM} {table.vertical_datum}")
-    element = plyfile.PlyElement.describe(vertices, "vertex")
     with replacing(path) as draft:
-        plyfile.PlyData([element], text=False, byte_order="<", comments=comments).write(str(draft))
+        try:
+            write_vertices(draft, vertices, comments)
+        except PlyError as error:
+            raise InputError(
+                f"{path} cannot be written as PLY ({error}); write GeoPackage (.gpkg), or rename the column."
+            ) from error
 
 
 def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
     """Log how far coordinates are rounded, where numbers of 32 bits are too short for them."""
-    axes = [vertices[axis] for axis in "xyz" if vertices.dtype[axis] == np.float32]
+    axes = [vertices[axis] for axis in "xyz" if vertices.dtype[axis].str[1:] == "f4"]
     step_m = max((float(np.spacing(np.abs(axis).max(initial=0.0))) for axis in axes), default=0.0)
     if step_m > _COARSE_M:
         logging.getLogger(__name__).warning(
@@ -305,17 +302,6 @@ def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
             file,
             step_m,
         )
-
-
-def _check_ply_claim(file: Path) -> None:
-    """Refuse a header of more rows than the file has bytes."""
-    with file.open("rb") as stream:
-        head = stream.read(_PLY_HEAD).split(b"end_header")[0]
-    for line in head.splitlines():
-        words = line.split()
-        if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
-            check_claim(file, int(words[2]), 1)
-            check_count(file, int(words[2]))
 
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
