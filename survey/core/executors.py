@@ -3,6 +3,10 @@
 `run_all` and `open_workers` choose the engine. An engine yields results as they are done, in any order, each with its
 piece. Local processes that die are replaced, and their pieces are done again; a dask cluster is one that a scheduler
 names, or one on this machine. A piece may be done twice when a worker dies; the result is the same.
+
+The engines are `concurrent.futures.ProcessPoolExecutor` and `distributed`. What is added is what they leave to the caller:
+a pool whose process died is of no more use, and either engine keeps all pieces and results in memory when all are
+submitted at once.
 """
 
 import asyncio
