@@ -4,7 +4,7 @@ Every figure has one style, states its units, and uses colours that the colour-b
 """
 
 from survey.figures.calibration import calibration_plot, held_out_plot
-from survey.figures.curves import terrain_profile, trajectory_error
+from survey.figures.curves import terrain_profile
 from survey.figures.errors import (
     error_against_distance,
     error_histogram,
@@ -18,7 +18,13 @@ from survey.figures.maps import (
     survey_map,
     terrain_comparison,
 )
-from survey.figures.paths import deviation_from_route, error_over_distance, executed_route, path_map
+from survey.figures.paths import (
+    deviation_from_route,
+    error_over_distance,
+    error_over_time,
+    executed_route,
+    path_map,
+)
 from survey.figures.plans import plan_map
 from survey.figures.style import png_bytes
 
@@ -30,6 +36,7 @@ __all__ = [
     "error_histogram",
     "error_map",
     "error_over_distance",
+    "error_over_time",
     "executed_route",
     "height_error",
     "held_out_plot",
@@ -41,5 +48,4 @@ __all__ = [
     "survey_map",
     "terrain_comparison",
     "terrain_profile",
-    "trajectory_error",
 ]

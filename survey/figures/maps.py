@@ -133,7 +133,7 @@ def terrain_comparison(
     prior : Dem, optional
         Prior, e.g. from a satellite.
     area : SurveyArea, optional
-        Its outline is drawn and sets what is shown.
+        Its outline is drawn and sets the extent of the map.
 
     Returns
     -------
@@ -358,9 +358,9 @@ def landmark_map(
     points : SurfacePoints
         Landmarks or other measured points.
     terrain : Dem
-        Gives what is shown.
+        Gives the extent of the map.
     area : SurveyArea, optional
-        Its outline is drawn and sets what is shown.
+        Its outline is drawn and sets the extent of the map.
     route : Route, optional
         Its swaths are drawn as thin lines.
     name : str

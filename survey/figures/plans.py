@@ -105,7 +105,7 @@ def plan_map(
 
 
 def _view(area: SurveyArea) -> tuple[float, float, float, float]:
-    """Return what is shown: the area with a margin of 4 %."""
+    """Return the extent of the map: the area with a margin of 4 %."""
     xmin, ymin, xmax, ymax = area.bounds
     pad = 0.04 * max(xmax - xmin, ymax - ymin)
     return widened((xmin - pad, ymin - pad, xmax + pad, ymax + pad))

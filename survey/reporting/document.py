@@ -21,8 +21,7 @@ from survey.core.errors import ConfigError
 from survey.core.files import replacing
 from survey.core.replacement import replacing_folder
 from survey.core.text import csv_cell
-from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page
-from survey.figures.sheets import pdf_bytes
+from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page, pdf_bytes
 from survey.figures.style import MUTED, styled
 from survey.reporting.rendering import Picture, picture_of, rendered
 

@@ -306,7 +306,7 @@ def _path_pictures(
             "Error of the position against the distance driven, with the estimated standard deviation.",
         ),
         "trajectory": picture_of(
-            figures.trajectory_error(trajectory, reference),
+            figures.error_over_time(trajectory, reference),
             "Error of the estimated position over time with its claimed band",
             "Error of the estimated position: east, north and up. The band is ± 2 estimated σ.",
         ),

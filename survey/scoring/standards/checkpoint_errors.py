@@ -408,7 +408,7 @@ def guidance_of(standard: Standard, errors: CheckpointErrors) -> list[str]:
 
 
 def cautions_of(standard: Standard, errors: CheckpointErrors, limit_m: float | None) -> list[str]:
-    """Return what is to be investigated: a bias, blunders, a datum that is not stated."""
+    """Return errors to investigate: a bias, blunders, a datum that is not stated."""
     found = datum_cautions(errors)
     if limit_m is None:
         return found
