@@ -4,12 +4,12 @@ Every figure has one style, states its units, and uses colours that the colour-b
 """
 
 from survey.figures.calibration import calibration_plot, held_out_plot
-from survey.figures.curves import terrain_profile
 from survey.figures.errors import (
     error_against_distance,
     error_histogram,
     error_map,
     height_error,
+    terrain_profile,
 )
 from survey.figures.maps import (
     deviation_map,

@@ -6,7 +6,7 @@ import pytest
 from survey.data.route import Leg
 from survey.data.trajectory import Trajectory
 from survey.figures import error_over_time, terrain_profile
-from survey.figures.curves import cross_line
+from survey.figures.errors import cross_line
 
 
 def line_of(axes, label):

@@ -8,7 +8,7 @@ import pytest
 
 from survey import ConfigError, InputError
 from survey.io.column_names import parsed_columns
-from survey.io.named_points import read_named_points
+from survey.io.point_files import read_named_points
 from survey.scoring import Checkpoints
 
 UTM = "EPSG:32608"
