@@ -19,7 +19,8 @@ from survey.data.camera import Camera
 from survey.data.frames import Frames
 from survey.data.ice_motion import ICE_MOTION, write_motion
 from survey.data.sensors.records import GpsFixes
-from survey.figures import error_over_distance, path_map, png_bytes
+from survey.figures.paths import error_over_distance, path_map
+from survey.figures.style import png_bytes
 from survey.io.tables import write_table
 from survey.io.trajectory_files import write_track, write_tum
 from vision_slam.drive_estimate import Comparison, DriveEstimate

@@ -30,8 +30,8 @@ from survey.reporting import (
     PayloadResults,
     RoverDrive,
     SurveyResults,
-    write_report,
 )
+from survey.reporting.page import write_report
 from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
 from vision_slam.plotting import tracks_on_frames
 
