@@ -146,7 +146,9 @@ class SurveyArea(DataObject):
         chosen = polygon_layer(path, what="the area file") if layer is None else layer
         features = read_features(path, layer=chosen, what="the area file")
         try:
-            return cls._from_features(prepared(features, crs, f"the area file {path}"), roles_of(features))
+            return cls._from_features(
+                prepare_features(features, crs, f"the area file {path}"), roles_of(features)
+            )
         except InputError as error:
             message = str(error)
             raise InputError(message if str(path) in message else f"{path}: {message}") from error
@@ -330,7 +332,7 @@ def _simple_part(polygon: Polygon) -> Polygon | MultiPolygon:
     return simple if is_same else polygon
 
 
-def prepared(features: Features, crs: Any, where: str) -> Features:
+def prepare_features(features: Features, crs: Any, where: str) -> Features:
     """Return checked features with simple rings, in the named CRS, else in their own (`in_crs`)."""
     features = with_simple_rings(features)
     refuse_nested(features)

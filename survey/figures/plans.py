@@ -17,6 +17,7 @@ from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.figures.layout import add_colour_bar, draw_scale_and_north, map_figure, widened
 from survey.figures.map_layers import (
+    decimate,
     draw_area,
     draw_contours,
     draw_left_out,
@@ -26,7 +27,6 @@ from survey.figures.map_layers import (
     draw_smooth,
     elevation_limits,
     relief_exaggeration,
-    thinned,
 )
 from survey.figures.style import CLAIM, ELEVATION, ESTIMATE, FULL_IN, INK, MUTED, styled
 
@@ -84,7 +84,7 @@ def plan_map(
     handles: list[Artist] = []
     if terrain is not None:
         area.require_crs(terrain.crs, "the terrain")
-        terrain = thinned(terrain)
+        terrain = decimate(terrain)
         handles += draw_contours(axes, terrain, within=area)
         draw_relief(axes, terrain, exaggeration=relief_exaggeration(terrain))
     axes.set(xlim=bounds[::2], ylim=bounds[1::2])

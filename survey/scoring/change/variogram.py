@@ -1,7 +1,7 @@
 """Variogram of the errors of an elevation difference, estimated on unchanged ground.
 
 A `Variogram` is a nugget and a sum of spherical, Gaussian and Matérn 3/2 structures. The empirical variogram
-comes from the autocorrelation of the known cells by FFT; `fitted` selects as few structures as explain its
+comes from the autocorrelation of the known cells by FFT; `fit_variogram` selects as few structures as explain its
 bins. `error_of_sum` gives the standard deviation of a weighted sum of correlated errors, with Satterthwaite's
 (1946) degrees of freedom for the 95 % interval by Student's t.
 """
@@ -100,7 +100,7 @@ class Structure(NamedTuple):
         return correlation
 
 
-def fitted(
+def fit_variogram(
     lags: FloatArray, gamma: FloatArray, weight: FloatArray, shortest_m: float
 ) -> tuple[float, tuple[Structure, ...]]:
     """Return the nugget [m²] and the structures that explain an empirical variogram.
@@ -230,7 +230,7 @@ class Variogram:
         Returns
         -------
         Variogram
-            With as few structures as explain the bins (`survey.scoring.change.variogram.fitted`).
+            With as few structures as explain the bins (`survey.scoring.change.variogram.fit_variogram`).
 
         Raises
         ------
@@ -255,7 +255,7 @@ class Variogram:
                 f"{n} cells of unchanged ground are known; {_N_LEAST} are needed to learn how errors go together."
             )
         lags, gamma, weight = _empirical(difference, known, step_m)
-        return cls(*fitted(lags, gamma, weight, 2.0 * step_m))
+        return cls(*fit_variogram(lags, gamma, weight, 2.0 * step_m))
 
 
 @dataclass(frozen=True)

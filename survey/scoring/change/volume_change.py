@@ -262,7 +262,7 @@ class ComparedGround(NamedTuple):
         return calm
 
 
-def without_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
+def remove_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
     """Return the unchanged cells (H, W) without blunders."""
     if stable.sum() < _N_LEAST_STABLE:
         raise InputError(

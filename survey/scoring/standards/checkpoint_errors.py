@@ -20,7 +20,7 @@ from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.scoring.coverage import covered_share
+from survey.scoring.coverage import mapped_share
 from survey.scoring.standards.checkpoints import Checkpoints
 from survey.scoring.standards.standards import (
     ASPRS_2014,
@@ -243,7 +243,7 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         tuple(checkpoints.names[k] for k in np.flatnonzero(silent)),
         int((~inside).sum()),
         dem.vertical_datum == checkpoints.vertical_datum != UNSTATED,
-        1.0 if area is None else covered_share(dem, area),
+        1.0 if area is None else mapped_share(dem, area),
         frozen(checkpoints.xyz[used]),
         None if checkpoints.map_xy is None else frozen((checkpoints.map_xy - checkpoints.xy)[used]),
         None if checkpoints.map_xy is None else frozen(checkpoints.sigma_xy_m[used]),
