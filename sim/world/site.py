@@ -25,7 +25,7 @@ from survey.core.transformation import is_geographic
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.io.raster import Raster, raster_header, reprojected
+from survey.io.raster import Raster, raster_header, reproject
 from survey.terrain.satellite import ProductErrors, SatelliteDem, product_copy
 
 
@@ -279,7 +279,7 @@ def prior_from_file(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> D
         prior.vertical_datum, terrain.vertical_datum, "the satellite's raster and the terrain"
     )
     if not prior.crs.equals(terrain.crs, ignore_axis_order=True):
-        warped = reprojected(
+        warped = reproject(
             Raster(prior.elevation, prior.transform, prior.crs, prior.vertical_datum),
             terrain.crs,
             prior.step_m,

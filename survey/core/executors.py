@@ -76,7 +76,9 @@ class Processes:
         if self._pool is None:
             if _imports_the_script():
                 raise InputError(f"the workers {UNGUARDED}")
-            self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), settled)
+            self._pool = ProcessPoolExecutor(
+                self._workers, multiprocessing.get_context("spawn"), settle_worker
+            )
         future = self._pool.submit(work, piece)
         self._notice_new_process(self._pool)
         return future
@@ -133,7 +135,7 @@ def _imports_the_script() -> bool:
     return getattr(multiprocessing.current_process(), "_inheriting", False)
 
 
-def settled() -> None:
+def settle_worker() -> None:
     """Let a worker ignore interrupts, and end when its parent process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

@@ -161,7 +161,7 @@ class SurveyArea(DataObject):
         polygons = [part for shape in by_role["area"] for part in polygon_parts(shape, "the survey area")]
         if not polygons:
             raise InputError("there is no polygon to survey; draw one and save it again.")
-        outline = polygons[0] if len(polygons) == 1 else united(polygons)
+        outline = polygons[0] if len(polygons) == 1 else unite(polygons)
         no_go = tuple(part for shape in by_role["no-go"] for part in polygon_parts(shape, "a no-go zone"))
         starts = [(p.x, p.y) for shape in by_role["start"] for p in points_of(shape)]
         return cls(outline, features.crs, no_go, np.array(starts, dtype=np.float64).reshape(-1, 2))
@@ -389,7 +389,7 @@ def points_of(shape: Any) -> list[Point]:
     return list(shapely.get_parts(shape))
 
 
-def united(polygons: list[Polygon]) -> Polygon | MultiPolygon:
+def unite(polygons: list[Polygon]) -> Polygon | MultiPolygon:
     """Check polygons and return their union."""
     for polygon in polygons:
         check_polygon(polygon, "the survey area")

@@ -214,7 +214,7 @@ class SurfacePoints(DataObject):
         """
         try:
             measured = once_each(ground_of(read_point_table(path, columns), str(path)), str(path))
-            table = projected_table(measured, crs, str(path))
+            table = project_table(measured, crs, str(path))
             return cls._from_table(table, crs, sigma_m, vertical_datum)
         except InputError as error:
             message = str(error)
@@ -403,7 +403,7 @@ def places_of(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatAr
     return np.column_stack([columns.pop(name) for name in names])
 
 
-def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
+def project_table(table: PointTable, crs: Any, where: str) -> PointTable:
     """Project places in degrees to the named CRS or to their UTM zone, and log it; leave metres as they are."""
     stated = None if table.crs is None else known_crs(table.crs, where)
     if stated is None or not stated.is_geographic:

@@ -24,7 +24,7 @@ from survey.figures.layout import (
     draw_scale_and_north,
     grouped,
     map_figure,
-    widened,
+    widen,
 )
 from survey.figures.map_layers import draw_area
 from survey.figures.style import (
@@ -377,7 +377,7 @@ def executed_route(
     low, high = np.vstack(lines).min(axis=0), np.vstack(lines).max(axis=0)
     margin = 0.05 * max(float((high - low).max()), 1.0)
     (west, south), (east, north) = (low - margin).tolist(), (high + margin).tolist()
-    drawing = map_figure(FULL_IN, widened((west, south, east, north)), legend=True)
+    drawing = map_figure(FULL_IN, widen((west, south, east, north)), legend=True)
     drawing.bar.set_visible(False)
     axes = drawing.maps[0]
     handles: list[Line2D] = []

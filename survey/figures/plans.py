@@ -15,7 +15,7 @@ from shapely import Polygon
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.figures.layout import add_colour_bar, draw_scale_and_north, map_figure, widened
+from survey.figures.layout import add_colour_bar, draw_scale_and_north, map_figure, widen
 from survey.figures.map_layers import (
     decimate,
     draw_area,
@@ -108,7 +108,7 @@ def _view(area: SurveyArea) -> tuple[float, float, float, float]:
     """Return the extent of the map: the area with a margin of 4 %."""
     xmin, ymin, xmax, ymax = area.bounds
     pad = 0.04 * max(xmax - xmin, ymax - ymin)
-    return widened((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    return widen((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
 
 
 @styled

@@ -54,7 +54,7 @@ _LAS_FAULTS = (
 
 
 @contextmanager
-def opened_las(file: Path, **options: Any) -> Iterator[Any]:
+def open_las(file: Path, **options: Any) -> Iterator[Any]:
     """Open an existing LAS or LAZ file whose header has been checked, and refuse a damaged one in one sentence."""
     try:
         check_las_records(file)
@@ -75,7 +75,7 @@ def opened_las(file: Path, **options: Any) -> Iterator[Any]:
 def read_las(path: Path) -> PointTable:
     """Read a LAS or LAZ file, and check its checksum where firnline wrote it."""
     file = existing_file(path, "the point file")
-    with opened_las(file) as reader:
+    with open_las(file) as reader:
         check_count(file, reader.header.point_count)
         las = reader.read()
         crs = las.header.parse_crs()

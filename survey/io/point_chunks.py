@@ -216,9 +216,9 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
 
 
 def _las_facts(file: Path) -> PointFileFacts:
-    from survey.io.las import datum_of_header, opened_las  # here: laspy imports a client of the web
+    from survey.io.las import datum_of_header, open_las  # here: laspy imports a client of the web
 
-    with opened_las(file) as reader:
+    with open_las(file) as reader:
         header = reader.header
         low, high = header.mins, header.maxs
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -229,7 +229,7 @@ def _las_facts(file: Path) -> PointFileFacts:
 def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
     import laspy
 
-    from survey.io.las import classes_of, opened_las
+    from survey.io.las import classes_of, open_las
 
     wanted = (
         laspy.DecompressionSelection.FLAGS
@@ -237,7 +237,7 @@ def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
         | laspy.DecompressionSelection.Z
     )
     wanted |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.POINT_SOURCE_ID
-    with opened_las(file, decompression_selection=wanted) as reader:
+    with open_las(file, decompression_selection=wanted) as reader:
         reader.seek(first)
         left = n
         while left > 0:

@@ -31,7 +31,7 @@ from survey.io.column_names import (
     metres_factor,
     one_column,
     refuse_feet,
-    renamed_header,
+    rename_header,
     spelled,
 )
 from survey.io.ply import PlyError, read_header, read_vertices, write_vertices
@@ -116,7 +116,7 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
     text = read_text_table(file, _WHAT, unnamed)
     refuse_feet(text.header, text.where)
-    known = dict(zip(text.header, renamed_header(text.header, given, text.where), strict=True))
+    known = dict(zip(text.header, rename_header(text.header, given, text.where), strict=True))
     sigma = one_column("sigma_z", list(known.values()), text.where)
     asked = {*given, sigma}
     names = {
@@ -198,7 +198,7 @@ def _used_attributes(
             "choose z and sigma_z alone."
         )
     header = list(attributes)
-    renamed_header(header, given, where)
+    rename_header(header, given, where)
     found = {
         _HEIGHT: given.get(_HEIGHT) or _height(attributes, shapely.get_z(geometry), where),
         _SIGMA: given.get(_SIGMA) or one_column("sigma_z", header, where),
@@ -474,7 +474,7 @@ def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | 
 
 def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple[str, ...]]:
     """Return places, standard deviations and marks of a table, with the names of its points."""
-    original = dict(zip(renamed_header(text.header, given, text.where), text.header, strict=True))
+    original = dict(zip(rename_header(text.header, given, text.where), text.header, strict=True))
     used = _used_columns(list(original), text.where)
     numbers = {
         own: metres_factor(original[name]) * text.numbers(original[name], axis_of(own))

@@ -18,7 +18,7 @@ from survey.core.crs import UNSTATED
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import first_line
 from survey.core.transformation import WGS84
-from survey.io.column_names import SPELLINGS, normalized, without_metres
+from survey.io.column_names import SPELLINGS, normalize, without_metres
 
 PLACE = ("x_m", "y_m", "z_m")
 
@@ -61,7 +61,7 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     """
     if all(name in header for name in PLACE):
         return PlaceColumns(PLACE, is_geographic=False)
-    found = {normalized(name): name for name in header}
+    found = {normalize(name): name for name in header}
     if len(found) < len(header):
         raise InputError(
             f"{where} has columns whose names differ in the case of letters or in marks alone; rename or remove them."

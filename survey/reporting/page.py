@@ -18,7 +18,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot
 from survey.reporting.quantities import named_values, setting
-from survey.reporting.rendering import Picture, animation_of, picture_of, rendered
+from survey.reporting.rendering import Picture, animation_of, picture_of, render
 from survey.reporting.summary import (
     calibration_sentence,
     classes_by_standard,
@@ -84,7 +84,7 @@ def write_report(
     if not place.parent.is_dir():
         raise InputError(f"the report folder {place} has no parent folder; create {place.parent} first.")
     pictures = draw_pictures(survey)
-    page = rendered(
+    page = render(
         "report.html.j2",
         title=title,
         pictures=pictures,

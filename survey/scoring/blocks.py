@@ -22,7 +22,7 @@ from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.io.raster import opened_raster, read_window, stated_datum
+from survey.io.raster import open_raster, read_window, stated_datum
 from survey.io.raster.values import Extremes
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage, NodeCounts, count_nodes, nodes_beyond
@@ -44,8 +44,8 @@ def score_files(
     errors, calibration = ErrorSketch(), CalibrationSketch()
     nodes = NodeCounts(0, 0, 0)
     with (
-        opened_raster(existing_file(map_file, "the raster")) as map_,
-        opened_raster(existing_file(reference_file, "the raster")) as reference,
+        open_raster(existing_file(map_file, "the raster")) as map_,
+        open_raster(existing_file(reference_file, "the raster")) as reference,
     ):
         mapped, known = _Layer.of(map_, map_file, crs), _Layer.of(reference, reference_file, crs)
         same_crs(mapped.crs, known.crs, "the map and the reference")

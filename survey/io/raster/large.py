@@ -26,7 +26,7 @@ from survey.io.raster.reading import (
     VERTICAL_TAG,
     Raster,
     band_names,
-    opened_raster,
+    open_raster,
     read_window,
     stated_datum,
 )
@@ -40,7 +40,7 @@ def read_averaged(path: str | Path, cells: int, bands: Sequence[int] = (1,)) -> 
 
     Returns: one for each band; NaN where less than half of a square is known.
     """
-    with opened_raster(existing_file(path, "the raster")) as source:
+    with open_raster(existing_file(path, "the raster")) as source:
         check_transform(source.transform)
         wkt = source.crs.to_wkt() if source.crs else None
         datum = stated_datum(source) or (vertical_datum_of(wkt) if wkt else UNSTATED)
@@ -124,7 +124,7 @@ def _write_tiled(source: Path, draft: Path, names: list[str], crs: CRS) -> None:
     """Write the bands as float32 with nodata to a GeoTIFF in tiles, without compression."""
     import rasterio
 
-    with opened_raster(source) as raster, warnings_logged():
+    with open_raster(source) as raster, warnings_logged():
         check_transform(raster.transform)
         datum = stated_datum(raster)
         profile = {

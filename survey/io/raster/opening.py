@@ -35,7 +35,7 @@ _CACHE_BYTES = 64 * 2**20
 
 
 @contextmanager
-def opened_dataset(file: Path, band: int) -> Iterator[Any]:
+def open_dataset(file: Path, band: int) -> Iterator[Any]:
     """Open a raster by the driver of its suffix, after its content has been checked."""
     import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
 
@@ -47,7 +47,7 @@ def opened_dataset(file: Path, band: int) -> Iterator[Any]:
 
 
 @contextmanager
-def opened_list_of_bands(file: Path) -> Iterator[Any]:
+def open_list_of_bands(file: Path) -> Iterator[Any]:
     """Open a raster for its bands alone: a NetCDF file with several variables lists them as data sets."""
     import rasterio
 
@@ -91,7 +91,7 @@ def _dataset(file: Path, band: int) -> Any:
     return rasterio.open(parts[band - 1], driver=driver, **options)
 
 
-def checked_band(source: Any, file: Path, band: int) -> int:
+def check_band(source: Any, file: Path, band: int) -> int:
     """Return the number of the band within what was opened, or refuse."""
     number = 1 if source.driver == "netCDF" and source.count == 1 else band
     if not 1 <= number <= source.count:

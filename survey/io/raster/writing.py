@@ -22,7 +22,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, replacing, unwritable, warnings_logged, write_bytes
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
-from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, opened_dataset, rasterio_errors
+from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, open_dataset, rasterio_errors
 from survey.io.raster.reading import (
     CRC_TAG,
     NODATA,
@@ -127,7 +127,7 @@ def _write_gdal(
             raise unwritable(path, "nothing arrived on the disk")
 
 
-def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
+def reproject(raster: Raster, crs: CRS, step_m: float) -> Raster:
     """Resample a raster (in degrees, say) to square cells of a projected CRS, bilinearly.
 
     The error of the resampling comes on top of the raster's own: use it for priors.
@@ -277,7 +277,7 @@ class Codes(NamedTuple):
 def read_codes(path: str | Path) -> Codes:
     """Read the codes of a categorical raster, such as land cover, in any CRS."""
     file = existing_file(path, "the raster of classes")
-    with opened_dataset(file, 1) as source:
+    with open_dataset(file, 1) as source:
         if source.width * source.height > LARGEST_CELLS:
             raise CapacityError(
                 f"{file} has {source.width * source.height:,} cells; {LARGEST_CELLS:,} can be read at once, cut it to the area."

@@ -85,7 +85,7 @@ def averaged_step_m(files: list[Path]) -> float | None:
     return float(max(np.sqrt(sides).max(), *(header.transform.a for header in headers)))
 
 
-def averaged_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
+def average_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
     """Return a survey averaged over squares of about a given side; a second band is its standard deviation.
 
     `step_m`: side of the squares [m]; whole cells are taken, at least one.
