@@ -19,10 +19,9 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.core.files import existing_file
-from survey.core.transformation import chosen_crs, transformed
+from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.recording import Recording
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
-from survey.io.vector import WGS84
 
 LEAST_FIX = 3
 # Horizontal errors of fixes by their type, where the receiver states none: 3-D, differential, RTK float, RTK fixed [m].

@@ -32,9 +32,8 @@ from live.mission_items import (
 from survey.core.arrays import FloatArray, Progress
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.core.transformation import chosen_crs, transformed
+from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.route import Leg, Route
-from survey.io.vector import WGS84
 
 _MISSION_RESEND_S = 0.3
 _FIRST_WAIT_S, _LEAST_WAIT_S, _MOST_WAIT_S = 0.3, 0.1, 1.5

@@ -42,9 +42,8 @@ from live.mission_items import EXCLUSION_POLYGON, FENCE, INCLUSION_POLYGON, MISS
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.core.transformation import chosen_crs, transformed
+from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.dem import Dem
-from survey.io.vector import WGS84
 
 _STEP_M = 0.5
 

@@ -29,7 +29,7 @@ def test_every_file_beside_the_modules_is_in_the_wheel(names: set[str]) -> None:
         for file in (ROOT / package).rglob("*")
         if file.suffix in (".py", *READ_AT_RUN_TIME) and "__pycache__" not in file.parts
     }
-    assert "survey/reporting/statements/de.toml" in beside
+    assert "survey/reporting/templates/de.toml" in beside
     assert beside - names == set()
 
 

@@ -12,8 +12,7 @@ from benchmarks.report import Row
 from live.watch.samples import Sample, SampleGate, TelemetryReader
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.core.transformation import transformed
-from survey.io.vector import WGS84
+from survey.core.transformation import WGS84, transformed
 
 SEED = 20_292
 _CRS = CRS("EPSG:32608")

@@ -49,7 +49,11 @@ def cases(*, quick: bool) -> list[Case]:
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    matching = folder_of("survey/scoring/motion", "benchmarks/moving_ice/tracked.py")
+    matching = folder_of(
+        "survey/scoring/change/tracking.py",
+        "survey/scoring/change/displacements.py",
+        "benchmarks/moving_ice/tracked.py",
+    )
     yield from tracked.rows(stored(matching / "tracked.json", lambda: tracked.tracked(DATA)))
     predicting = folder_of("survey/reconstruction/motion/stakes.py", "benchmarks/moving_ice/stake_series.py")
     yield from stake_series.rows(stored(predicting / "stakes.json", lambda: stake_series.predicted(DATA)))

@@ -8,7 +8,7 @@ from benchmarks.stored_parts import ROOT, code_digest
 SURVEYS = (
     "vision_slam/fusion",
     "survey/reconstruction/joint",
-    *(f"survey/reconstruction/motion/{name}.py" for name in ("ice_frame", "refinement", "stakes")),
+    *(f"survey/reconstruction/motion/{name}.py" for name in ("epoch", "refinement", "stakes")),
     *(f"benchmarks/moving_ice/{name}.py" for name in ("cases", "chance", "surveys")),
 )
 """Code that the outcomes of surveys depend on."""

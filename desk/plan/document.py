@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from survey.core.config import Section
 from survey.core.errors import InputError
-from survey.data.area import SurveyArea, united
+from survey.data.area import SurveyArea, unite
 
 MOST_VERTICES = 20_000
 MOST_POINTS = 2_000
@@ -86,7 +86,7 @@ class PlanDocument(Section):
         if not self.areas:
             raise InputError("no area is drawn yet; draw its outline on the map, or drop a file with it.")
         polygons = [_polygon(rings) for rings in self.areas]
-        outline = polygons[0] if len(polygons) == 1 else united(polygons)
+        outline = polygons[0] if len(polygons) == 1 else unite(polygons)
         starts = np.array(self.starts, dtype=np.float64).reshape(-1, 2)
         return SurveyArea(outline, crs, tuple(_polygon(rings) for rings in self.no_go), starts)
 

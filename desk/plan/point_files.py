@@ -12,10 +12,10 @@ from desk.plan.document import PlanDocument
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files import replacing
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.io.vector import WGS84, require_transformation, write_features
+from survey.io.vector import require_transformation, write_features
 
 _COLUMNS = ("name", "kind", "easting_m", "northing_m", "longitude_deg", "latitude_deg", "prior_height_m")
 

@@ -15,7 +15,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.io.raster import read_window
-from survey.io.raster.opening import check_transform, checked_band, opened_dataset
+from survey.io.raster.opening import check_band, check_transform, open_dataset
 
 _MOST_CELLS_IN_MEMORY = 4_000_000
 _STRIP_CELLS = 4_000_000
@@ -46,8 +46,8 @@ class ElevationPyramid:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock, self._files = Lock(), ExitStack()
-        source = self._files.enter_context(opened_dataset(path, 1))
-        self._source, self._band = source, checked_band(source, path, 1)
+        source = self._files.enter_context(open_dataset(path, 1))
+        self._source, self._band = source, check_band(source, path, 1)
         if source.crs is None:
             raise InputError(
                 f"{path} carries no coordinate reference system; write it with one (gdal_edit -a_srs)."

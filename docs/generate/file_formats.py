@@ -5,11 +5,9 @@ from dataclasses import fields
 
 from generate.models import unit_by_name
 from generate.tables import code, table
-from survey.data.sensors import odometry as drive_ties
-from survey.data.sensors import odometry as loop_closures
-from survey.data.sensors import records as aiding
-from survey.data.sensors import stakes
-from survey.data.sensors.records import SensorRecords
+from survey.data.sensors.odometry import DriveTies, LoopClosures
+from survey.data.sensors.records import Barometer, Compass, GpsFixes, Inertial, SensorRecords, Weather, Wheels
+from survey.data.sensors.stakes import StakeSightings
 from survey.data.surface_points import COVARIANCE, ORIGIN, SIGMA
 from survey.data.trajectory import _COLUMNS as TRAJECTORY
 from survey.interchange.route_readers import READERS
@@ -31,10 +29,7 @@ Names of columns end in their unit. Coordinates in degrees are projected to thei
 `firnline help formats` prints a summary.
 
 """
-_RECORDS = (
-    aiding.GpsFixes, aiding.Barometer, aiding.Wheels, aiding.Inertial, aiding.Compass, aiding.Weather,
-    stakes.StakeSightings, loop_closures.LoopClosures, drive_ties.DriveTies,
-)  # fmt: skip
+_RECORDS = (GpsFixes, Barometer, Wheels, Inertial, Compass, Weather, StakeSightings, LoopClosures, DriveTies)
 
 _LIDAR = """\
 ### LiDAR scans

@@ -30,7 +30,7 @@ from survey.core.text import csv_cell
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
 from survey.io.arrays_file import checksum
 from survey.reporting.quantities import number, percent
-from survey.reporting.rendering import Picture, picture_of, rendered
+from survey.reporting.rendering import Picture, picture_of, render
 from survey.scoring.standards.map_classes import map_classes
 
 _CRC = b"firnline_crc32"
@@ -304,7 +304,7 @@ def _render(
 ) -> str:
     settings = tomlkit.dumps(study.model_dump(mode="json", exclude_none=True))
     minimum = [_shown_minimum(row) for row in minimum_swaths(rows, study)]
-    return rendered(
+    return render(
         "montecarlo.html.j2",
         title=study.name,
         trials=study.trials,

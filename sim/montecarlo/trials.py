@@ -39,8 +39,8 @@ from survey.core.streams import stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
 from survey.reconstruction.policy import map_landmarks
-from survey.terrain import ice_micro_relief, random_dem
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
+from survey.terrain.synthetic import ice_micro_relief, random_dem
 from vision_slam import localize
 
 _WITH_LENGTH = ("squared-exponential", "matern-3/2", "matern-5/2")

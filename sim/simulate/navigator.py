@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from survey import Camera, InputError
 from survey.core.arrays import FloatArray
-from survey.core.executors import FAILED_TO_START, UNGUARDED, settled
+from survey.core.executors import FAILED_TO_START, UNGUARDED, settle_worker
 from survey.core.streams import stream
 from survey.data.recording import Readings
 from survey.data.sensors.odometry import Odometry
@@ -362,7 +362,7 @@ class Subprocess:
 
 def _serve(make: Make, requests: Any, results: Any) -> None:
     """Process requests until the last one."""
-    settled()
+    settle_worker()
     cv2.setNumThreads(1)
     with threadpool_limits(limits=1):
         try:

@@ -22,7 +22,7 @@ from survey.core.arrays import DataObject, FloatArray
 from survey.core.crs import projected_crs, same_vertical_datum
 from survey.core.streams import stream
 from survey.core.transformation import is_geographic
-from survey.io.raster import Raster, raster_header, reprojected
+from survey.io.raster import Raster, raster_header, reproject
 from survey.terrain.real import sample_site
 from survey.terrain.satellite import ProductErrors, SatelliteDem, product_copy, smooth_interpolation
 
@@ -277,7 +277,7 @@ def prior_from_file(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> D
         prior.vertical_datum, terrain.vertical_datum, "the satellite's raster and the terrain"
     )
     if not prior.crs.equals(terrain.crs, ignore_axis_order=True):
-        warped = reprojected(
+        warped = reproject(
             Raster(prior.elevation, prior.transform, prior.crs, prior.vertical_datum),
             terrain.crs,
             prior.step_m,

@@ -1,4 +1,8 @@
-"""Check the types of a function's arguments against its annotations."""
+"""Check the types of a function's arguments against its annotations.
+
+Only arguments that are plainly of another class are refused, in one sentence; checkers such as beartype and typeguard
+check containers and protocols too, take a NumPy number for no `float`, and raise with texts of their own.
+"""
 
 import types
 from collections.abc import Callable

@@ -95,7 +95,7 @@ class DataObject:
     def _summary(self) -> str:
         """Return one line that describes the fields."""
         known = {name: value for name, value in self._values().items() if value is not None}
-        return ", ".join(f"{name}: {summary(value)}" for name, value in known.items())
+        return ", ".join(f"{name}: {summarize(value)}" for name, value in known.items())
 
     def _compared(self) -> dict[str, Any]:
         """Return what must be equal in equal objects."""
@@ -116,7 +116,7 @@ class DataObject:
                 value.flags.writeable = False
 
 
-def summary(value: Any) -> str:
+def summarize(value: Any) -> str:
     """Return a short description of a value: shape and type of an array, length of a container."""
     if isinstance(value, np.ndarray):
         return f"{value.shape} {value.dtype}"

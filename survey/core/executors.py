@@ -3,6 +3,10 @@
 `run_all` and `open_workers` choose the engine. An engine yields results as they are done, in any order, each with its
 piece. Local processes that die are replaced, and their pieces are done again; a dask cluster is one that a scheduler
 names, or one on this machine. A piece may be done twice when a worker dies; the result is the same.
+
+The engines are `concurrent.futures.ProcessPoolExecutor` and `distributed`. What is added is what they leave to the caller:
+a pool whose process died is of no more use, and either engine keeps all pieces and results in memory when all are
+submitted at once.
 """
 
 import asyncio
@@ -72,7 +76,9 @@ class Processes:
         if self._pool is None:
             if _imports_the_script():
                 raise InputError(f"the workers {UNGUARDED}")
-            self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), settled)
+            self._pool = ProcessPoolExecutor(
+                self._workers, multiprocessing.get_context("spawn"), settle_worker
+            )
         future = self._pool.submit(work, piece)
         self._notice_new_process(self._pool)
         return future
@@ -129,7 +135,7 @@ def _imports_the_script() -> bool:
     return getattr(multiprocessing.current_process(), "_inheriting", False)
 
 
-def settled() -> None:
+def settle_worker() -> None:
     """Let a worker ignore interrupts, and end when its parent process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

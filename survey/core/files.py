@@ -1,7 +1,8 @@
 """Checked reading and atomic writing of single files.
 
 `existing_file` refuses a file that is missing, empty or not a regular file. `replacing` yields a draft beside the file
-and puts it in place by a rename, so an interrupted writer leaves what stood there before. `warnings_logged` sends the
+and puts it in place by a rename, so an interrupted writer leaves what stood there before; `write_text` and `write_bytes`
+are the short forms. `warnings_logged` sends the
 warnings of libraries to the log, and raises `DamagedError` for those that report damage.
 Folders and groups of files are replaced by `survey.core.replacement`.
 """
@@ -86,13 +87,24 @@ def replacing(path: str | Path, *, stale: Iterable[Path] = ()) -> Iterator[Path]
         raise write_refusal(target, error) from error
     try:
         yield folder / target.name
-        _put_in_place(folder, target, stale)
+        _move_draft(folder, target, stale)
     except OSError as error:
         if not _of_writing(error, folder, target):
             raise
         raise write_refusal(target, error) from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text in UTF-8, or leave the file as it was."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write the content of a file, or leave the file as it was."""
+    with replacing(path) as draft:
+        draft.write_bytes(content)
 
 
 def _of_writing(error: OSError, folder: Path, target: Path) -> bool:
@@ -103,7 +115,8 @@ def _of_writing(error: OSError, folder: Path, target: Path) -> bool:
     return any(Path(name) == target or folder in (Path(name), *Path(name).parents) for name in names)
 
 
-def _put_in_place(folder: Path, target: Path, stale: Iterable[Path]) -> None:
+def _move_draft(folder: Path, target: Path, stale: Iterable[Path]) -> None:
+    """Put a draft and its companions in place, and remove the files of an older version that are stale."""
     draft = folder / target.name
     companions = [f for f in folder.iterdir() if f != draft and f.stem.startswith(target.stem)]
     for file in (*companions, draft):

@@ -4,6 +4,9 @@ Coordinates, steps and geometry stay in the metres of the survey's CRS (grid met
 or volume counts on the ground: lengths are divided by the linear scale factor, areas by the areal one. The factors come
 from the Jacobian of the projection; lengths and areas are integrated by quadrature. The ground is the ellipsoid of the
 CRS's datum; the height above it changes a length by 0.016 % per kilometre and is left out.
+
+`pyproj.Proj.get_factors` is not used: it has no factor for the direction of a segment, and for EPSG:3857 it measures on the
+sphere of the projection's formula and not on the ellipsoid (`scale_factors`).
 """
 
 from dataclasses import asdict, dataclass

@@ -88,7 +88,7 @@ def replacing_files(*paths: str | Path) -> Iterator[tuple[Path, ...]]:
     with _draft_beside(main) as folder:
         yield tuple(folder / Path(path).name for path in paths)
         try:
-            _put_in_place(folder, main, companions)
+            _move_group(folder, main, companions)
         except OSError as error:
             raise write_refusal(main, error) from error
 
@@ -158,7 +158,7 @@ def _draft_beside(main: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _put_in_place(drafts: Path, main: Path, companions: Collection[Path]) -> None:
+def _move_group(drafts: Path, main: Path, companions: Collection[Path]) -> None:
     """Remove the old companions, exchange the main file, then add the new companions."""
     written = sorted(drafts.iterdir())
     for file in written:

@@ -20,7 +20,7 @@ from typing import Any
 
 from survey.core.documents import file_sha256, read_manifest, write_manifest
 from survey.core.errors import InputError
-from survey.core.files import replacing, synced, write_refusal
+from survey.core.files import synced, write_refusal, write_text
 from survey.core.replacement import exchange, resolved
 
 STAGES = ("plan", "simulate", "localize", "reconstruct", "score", "report")
@@ -305,8 +305,7 @@ class RunFolder:
         return self._manifest_file.exists() or any(self.folder(stage).exists() for stage in STAGES)
 
     def _begin(self, config_text: str, inputs: Mapping[str, str], facts: Mapping[str, Any]) -> None:
-        with replacing(self.path / "config.toml") as draft:
-            draft.write_text(config_text, encoding="utf-8")
+        write_text(self.path / "config.toml", config_text)
         write_manifest(
             self._manifest_file,
             {

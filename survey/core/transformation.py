@@ -71,10 +71,11 @@ def _operations(crs: CRS, datum: str) -> TransformerGroup:
 
 NORTHERN_LIMIT_DEG, SOUTHERN_LIMIT_DEG = 84.0, -80.0
 """Latitudes between which UTM is defined."""
-_WGS84 = CRS("EPSG:4326")
+WGS84 = CRS("EPSG:4326")
+"""Longitude and latitude in degrees, as GeoJSON, KML, GPX and receivers state them."""
 
 
-def chosen_crs(longitude_deg: FloatArray, latitude_deg: FloatArray, geographic: Any = _WGS84) -> CRS:
+def chosen_crs(longitude_deg: FloatArray, latitude_deg: FloatArray, geographic: Any = WGS84) -> CRS:
     """Return the projected CRS of places in degrees, on their own geodetic datum.
 
     `longitude_deg`, `latitude_deg` (N,): places, or the corners of what holds them [deg].
@@ -144,7 +145,7 @@ def _wgs84_code(longitude_deg: float, latitude_deg: float) -> int:
 
 def _on_datum(model: CRS, geographic: CRS) -> CRS:
     """Return a projection of WGS 84 on another datum; registered systems by their code."""
-    if geographic.equals(_WGS84, ignore_axis_order=True):
+    if geographic.equals(WGS84, ignore_axis_order=True):
         return model
     projection = model.name.removeprefix("WGS 84 / ")
     name = f"{geographic.name} / {projection}"

@@ -146,7 +146,9 @@ class SurveyArea(DataObject):
         chosen = polygon_layer(path, what="the area file") if layer is None else layer
         features = read_features(path, layer=chosen, what="the area file")
         try:
-            return cls._from_features(prepared(features, crs, f"the area file {path}"), roles_of(features))
+            return cls._from_features(
+                prepare_features(features, crs, f"the area file {path}"), roles_of(features)
+            )
         except InputError as error:
             message = str(error)
             raise InputError(message if str(path) in message else f"{path}: {message}") from error
@@ -159,7 +161,7 @@ class SurveyArea(DataObject):
         polygons = [part for shape in by_role["area"] for part in polygon_parts(shape, "the survey area")]
         if not polygons:
             raise InputError("there is no polygon to survey; draw one and save it again.")
-        outline = polygons[0] if len(polygons) == 1 else united(polygons)
+        outline = polygons[0] if len(polygons) == 1 else unite(polygons)
         no_go = tuple(part for shape in by_role["no-go"] for part in polygon_parts(shape, "a no-go zone"))
         starts = [(p.x, p.y) for shape in by_role["start"] for p in points_of(shape)]
         return cls(outline, features.crs, no_go, np.array(starts, dtype=np.float64).reshape(-1, 2))
@@ -330,7 +332,7 @@ def _simple_part(polygon: Polygon) -> Polygon | MultiPolygon:
     return simple if is_same else polygon
 
 
-def prepared(features: Features, crs: Any, where: str) -> Features:
+def prepare_features(features: Features, crs: Any, where: str) -> Features:
     """Return checked features with simple rings, in the named CRS, else in their own (`in_crs`)."""
     features = with_simple_rings(features)
     refuse_nested(features)
@@ -387,7 +389,7 @@ def points_of(shape: Any) -> list[Point]:
     return list(shapely.get_parts(shape))
 
 
-def united(polygons: list[Polygon]) -> Polygon | MultiPolygon:
+def unite(polygons: list[Polygon]) -> Polygon | MultiPolygon:
     """Check polygons and return their union."""
     for polygon in polygons:
         check_polygon(polygon, "the survey area")

@@ -14,7 +14,7 @@ import tomlkit
 from survey.core.arrays import DataObject, FloatArray, checked
 from survey.core.config import Section, read_toml, validated
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core.files import existing_file, write_text
 
 
 class CalibrationTable(Section):
@@ -166,7 +166,7 @@ class Camera(DataObject):
             plane = cv2.fisheye.undistortPoints(seen, self.matrix, self.distortion)
             return np.asarray(plane, dtype=np.float64).reshape(-1, 2)
         plane = cv2.undistortPoints(seen, self.matrix, np.zeros(5))
-        return undistorted(np.asarray(plane, dtype=np.float64).reshape(-1, 2), self.distortion)
+        return undistort(np.asarray(plane, dtype=np.float64).reshape(-1, 2), self.distortion)
 
     def scaled(self, factor: float) -> "Camera":
         """Return the same lens with another resolution.
@@ -206,8 +206,7 @@ class Camera(DataObject):
             "T_body_camera": self.T_body_camera.tolist(),
             "row_readout_s": self.row_readout_s,
         }
-        with replacing(path) as draft:
-            draft.write_text(tomlkit.dumps(content), encoding="utf-8")
+        write_text(path, tomlkit.dumps(content))
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -257,14 +256,14 @@ _N_ITERATIONS = 50
 _CONVERGED = 1e-11  # of the plane z = 1
 
 
-def undistorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
+def undistort(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Return the points of the plane z = 1 that the lens shows at distorted ones.
 
     `plane` (N, 2): distorted points of the plane z = 1. `coefficients` (5,): k1, k2, p1, p2, k3. Returns (N,
     2): undistorted points; NaN where the lens shows none: beyond the radius at which the radial polynomial
     stops to grow.
 
-    >>> undistorted(np.array([[0.5, 0.0], [0.9, 0.0]]), np.array([-0.3, 0.0, 0.0, 0.0, 0.0])).round(6).tolist()
+    >>> undistort(np.array([[0.5, 0.0], [0.9, 0.0]]), np.array([-0.3, 0.0, 0.0, 0.0, 0.0])).round(6).tolist()
     [[0.54988, 0.0], [nan, nan]]
     """
     found = plane.copy()

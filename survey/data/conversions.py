@@ -36,7 +36,7 @@ def axes_or_new(ax: "Axes | None") -> "Axes":
     return pyplot.subplots()[1]
 
 
-def draw_raster(
+def plot_raster(
     ax: "Axes | None", values: npt.NDArray[Any], bounds: tuple[float, float, float, float], label: str
 ) -> "Axes":
     """Draw a north-up raster (H, W) within ``(xmin, ymin, xmax, ymax)`` [m], with a colour bar."""

@@ -13,7 +13,7 @@ from survey.core.arrays import Bounds, DataObject, FloatArray, frozen, lattice_p
 from survey.core.crs import UNSTATED, datum_of_file, projected_crs, refuse_far
 from survey.core.errors import InputError
 from survey.core.transformation import is_geographic
-from survey.data.conversions import draw_raster, html_table, to_dataset, value_range
+from survey.data.conversions import html_table, plot_raster, to_dataset, value_range
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.opening import check_transform
@@ -369,7 +369,7 @@ class Dem(DataObject):
         -----
         Of rasters beyond 1,000 rows or columns, every second, third … cell is drawn.
         """
-        return draw_raster(ax, self.elevation, self.bounds, "Elevation [m]")
+        return plot_raster(ax, self.elevation, self.bounds, "Elevation [m]")
 
     def to_xarray(self) -> "DataArray":
         """Return the elevation as an xarray object with CF metadata.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from survey.core.arrays import DataObject, FloatArray, checked
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core.files import existing_file, write_text
 
 Image = npt.NDArray[np.uint8]
 
@@ -186,8 +186,7 @@ class FrameWriter:
         if kind is None:
             for written in self._waiting:
                 written.result()
-            with replacing(self._folder / "frames.csv") as draft:
-                draft.write_text("\n".join(["time_s,file", *self._rows]) + "\n", encoding="utf-8")
+            write_text(self._folder / "frames.csv", "\n".join(["time_s,file", *self._rows]) + "\n")
 
 
 def png_of_frame(image: Image, time_s: float) -> bytes:

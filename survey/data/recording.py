@@ -16,7 +16,7 @@ from survey.core.arrays import DataObject, FloatArray, checked
 from survey.core.config import Section
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files import write_text
 from survey.data.camera import Camera
 from survey.data.frames import Frames, FrameWriter, Image
 from survey.data.ice_motion import IceMotion
@@ -255,8 +255,7 @@ class Recording(SensorTables):
             camera_height_m=self.camera_height_m,
             start_is_surveyed=self.start_is_surveyed,
         )
-        with replacing(place / "recording.json") as draft:
-            draft.write_text(header.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        write_text(place / "recording.json", header.model_dump_json(indent=2) + "\n")
 
     @classmethod
     def read(cls, folder: str | Path) -> Self:

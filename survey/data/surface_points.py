@@ -31,7 +31,7 @@ from survey.core.errors import InputError
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.conversions import draw_points, html_table, to_geodataframe, value_range
 from survey.io.point_files import read_point_table, write_point_table
-from survey.io.point_table import PLACE, PointTable, ground_of, once_each, say_projected
+from survey.io.point_table import PLACE, PointTable, ground_of, log_projection, once_each
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -214,7 +214,7 @@ class SurfacePoints(DataObject):
         """
         try:
             measured = once_each(ground_of(read_point_table(path, columns), str(path)), str(path))
-            table = projected_table(measured, crs, str(path))
+            table = project_table(measured, crs, str(path))
             return cls._from_table(table, crs, sigma_m, vertical_datum)
         except InputError as error:
             message = str(error)
@@ -403,7 +403,7 @@ def places_of(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatAr
     return np.column_stack([columns.pop(name) for name in names])
 
 
-def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
+def project_table(table: PointTable, crs: Any, where: str) -> PointTable:
     """Project places in degrees to the named CRS or to their UTM zone, and log it; leave metres as they are."""
     stated = None if table.crs is None else known_crs(table.crs, where)
     if stated is None or not stated.is_geographic:
@@ -416,7 +416,7 @@ def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
     x, y = (table.columns[name] for name in PLACE[:2])
     target = chosen_crs(x, y) if crs is None else projected_crs(crs, where)
     east, north = transformed(np.column_stack([x, y]), stated, target, where).T
-    say_projected(where, target)
+    log_projection(where, target)
     return table._replace(columns={**table.columns, PLACE[0]: east, PLACE[1]: north}, crs=target)
 
 

@@ -4,10 +4,9 @@ Every figure has one style, states its units, and uses colours that the colour-b
 """
 
 from survey.figures.calibration import calibration_plot
-from survey.figures.curves import terrain_profile, trajectory_error
-from survey.figures.errors import error_against_distance, error_histogram, error_map
+from survey.figures.errors import error_against_distance, error_histogram, error_map, terrain_profile
 from survey.figures.maps import deviation_map, landmark_map, support_map, survey_map, terrain_comparison
-from survey.figures.paths import executed_route, path_map
+from survey.figures.paths import error_over_time, executed_route, path_map
 from survey.figures.plans import plan_map
 
 __all__ = [
@@ -16,6 +15,7 @@ __all__ = [
     "error_against_distance",
     "error_histogram",
     "error_map",
+    "error_over_time",
     "executed_route",
     "landmark_map",
     "path_map",
@@ -24,5 +24,4 @@ __all__ = [
     "survey_map",
     "terrain_comparison",
     "terrain_profile",
-    "trajectory_error",
 ]

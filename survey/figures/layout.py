@@ -52,7 +52,7 @@ def view(dem: Dem, area: SurveyArea | None) -> Bounds:
     """
     west, south, east, north = dem.bounds
     if area is None:
-        return widened((west, south, east, north))
+        return widen((west, south, east, north))
     xmin, ymin, xmax, ymax = area.bounds
     margin = 0.04 * max(xmax - xmin, ymax - ymin)
     shown = (
@@ -61,10 +61,10 @@ def view(dem: Dem, area: SurveyArea | None) -> Bounds:
         min(xmax + margin, east),
         min(ymax + margin, north),
     )
-    return widened(shown if shown[0] < shown[2] and shown[1] < shown[3] else dem.bounds)
+    return widen(shown if shown[0] < shown[2] and shown[1] < shown[3] else dem.bounds)
 
 
-def widened(bounds: Bounds) -> Bounds:
+def widen(bounds: Bounds) -> Bounds:
     """Grow the shorter side to half of the width or to 1 / 2.2 of the height."""
     xmin, ymin, xmax, ymax = bounds
     width, height = xmax - xmin, ymax - ymin

@@ -1,6 +1,6 @@
 """Layers of maps: survey areas and routes, rasters, shaded relief, contours.
 
-The functions draw into given axes, in metres of the CRS. `thinned` takes every n-th cell of a raster that has
+The functions draw into given axes, in metres of the CRS. `decimate` takes every n-th cell of a raster that has
 more cells than a page has pixels.
 """
 
@@ -173,7 +173,7 @@ _MOST_CELLS = 1500
 _MOST_CONTOURS = 120
 
 
-def thinned(dem: Dem) -> Dem:
+def decimate(dem: Dem) -> Dem:
     """Return every n-th cell, so that a page's worth of pixels remains."""
     n = math.ceil(max(dem.shape) / _MOST_CELLS)
     if n == 1:
@@ -206,7 +206,7 @@ def draw_smooth(axes: Axes, std: Dem, ground: Polygon | MultiPolygon) -> AxesIma
 
 def draw_terrain(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float) -> AxesImage:
     """Draw elevation in colours under a hillshade."""
-    dem = thinned(dem)
+    dem = decimate(dem)
     image = draw_raster(axes, dem.elevation, dem, ELEVATION, limits)
     draw_relief(axes, dem, exaggeration=exaggeration)
     return image
@@ -214,7 +214,7 @@ def draw_terrain(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float
 
 def draw_relief(axes: Axes, dem: Dem, *, exaggeration: float) -> None:
     """Draw the hillshade alone, to lie over colours."""
-    dem = thinned(dem)
+    dem = decimate(dem)
     xmin, ymin, xmax, ymax = dem.bounds
     axes.imshow(
         _shade(dem, exaggeration), extent=(xmin, xmax, ymin, ymax), interpolation="bilinear", zorder=1.5
@@ -224,7 +224,7 @@ def draw_relief(axes: Axes, dem: Dem, *, exaggeration: float) -> None:
 
 def relief_exaggeration(dem: Dem) -> float:
     """Return the factor that makes gentle terrain's shading readable: steep ground stays as it is."""
-    slopes = np.hypot(*thinned(dem).gradient())
+    slopes = np.hypot(*decimate(dem).gradient())
     if not np.isfinite(slopes).any():
         return 1.0
     steepness = float(np.nanpercentile(slopes, 90.0))
@@ -267,7 +267,7 @@ def draw_contours(axes: Axes, dem: Dem, *, within: SurveyArea | None = None) -> 
 
     With `within` the dozen is that of the area; steep ground beside it has up to `_MOST_CONTOURS`.
     """
-    dem = thinned(dem)
+    dem = decimate(dem)
     if dem.relief_m < 1e-6:
         return []
     interval = round_number(_relief_m(dem, within) / 8.0)

@@ -26,6 +26,7 @@ from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.figures.layout import add_colour_bar, draw_scale_and_north, grouped, map_figure, view
 from survey.figures.map_layers import (
+    decimate,
     draw_area,
     draw_contours,
     draw_raster,
@@ -35,7 +36,6 @@ from survey.figures.map_layers import (
     elevation_limits,
     outline_path,
     relief_exaggeration,
-    thinned,
 )
 from survey.figures.style import (
     DENSITY,
@@ -133,7 +133,7 @@ def terrain_comparison(
     prior : Dem, optional
         Prior, e.g. from a satellite.
     area : SurveyArea, optional
-        Its outline is drawn and sets what is shown.
+        Its outline is drawn and sets the extent of the map.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def terrain_comparison(
     if prior is not None:
         surfaces[f"Prior, {prior.step_m:g} m cells"] = prior
     drawing = map_figure(FULL_IN, bounds, n_maps=len(surfaces))
-    shown = [clipped(dem, bounds) for dem in surfaces.values()]
+    shown = [crop(dem, bounds) for dem in surfaces.values()]
     limits = elevation_limits(*shown)
     exaggeration = relief_exaggeration(reconstruction.mean)
     for axes, name, dem in zip(drawing.maps, surfaces, shown, strict=True):
@@ -264,7 +264,7 @@ def draw_outline_and_route(axes: Axes, area: SurveyArea | None, route: Route | N
         draw_route_lines(axes, route)
 
 
-def clipped(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
+def crop(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
     """Return the cells within bounds, so that far ones do not set the colours."""
     xmin, ymin, xmax, ymax = bounds
     margin = dem.step_m
@@ -358,9 +358,9 @@ def landmark_map(
     points : SurfacePoints
         Landmarks or other measured points.
     terrain : Dem
-        Gives what is shown.
+        Gives the extent of the map.
     area : SurveyArea, optional
-        Its outline is drawn and sets what is shown.
+        Its outline is drawn and sets the extent of the map.
     route : Route, optional
         Its swaths are drawn as thin lines.
     name : str
@@ -417,7 +417,7 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
     >>> change_map(change, {"ice": shapely.box(5.0, 5.0, 20.0, 15.0)}).axes[0].get_xlabel()
     'Easting [m]'
     """
-    difference = thinned(change.difference)
+    difference = decimate(change.difference)
     step = round(difference.step_m / change.difference.step_m)
     doubtful = np.asarray(change.significant)[::step, ::step] == 0
     drawing = map_figure(FULL_IN, view(change.difference, None), legend=True)

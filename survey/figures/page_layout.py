@@ -1,16 +1,21 @@
-"""Page of A4 with a title block, a map at a round scale, paragraphs and tables that flow down the page."""
+"""Page of A4 with a title block, a map at a round scale, paragraphs and tables that flow down the page.
 
+`pdf_bytes` writes figures as the pages of one PDF.
+"""
+
+import io
 import textwrap
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from survey.core.arrays import Bounds
 from survey.figures.layout import grouped
-from survey.figures.style import INK, MUTED, VEIL
+from survey.figures.style import INK, MUTED, VEIL, styled
 
 WIDTH_IN, HEIGHT_IN = 8.27, 11.69
 LEFT_IN, RIGHT_IN, BOTTOM_IN = 0.65, 0.55, 0.5
@@ -176,3 +181,14 @@ def _grid_labels(axes: Axes) -> None:
         label.set(rotation=90, va="center")
     axes.set_xlabel("Easting [m]", fontsize=7.0, labelpad=1.0)
     axes.set_ylabel("Northing [m]", fontsize=7.0, labelpad=1.0)
+
+
+@styled
+def pdf_bytes(figures: Sequence[Figure], title: str) -> bytes:
+    """Return figures as the pages of a PDF file; the same figures give the same bytes."""
+    buffer = io.BytesIO()
+    facts = {"Title": title, "Creator": "firnline", "CreationDate": None}
+    with PdfPages(buffer, metadata=facts) as pages:
+        for figure in figures:
+            pages.savefig(figure, dpi=200)
+    return buffer.getvalue()

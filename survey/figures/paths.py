@@ -1,6 +1,6 @@
-"""Figures of paths: planned, driven and estimated ones, error ellipses and landmarks, and errors over distance.
+"""Figures of paths: planned, driven and estimated ones, error ellipses and landmarks, and errors over distance and time.
 
-`path_map` and `error_over_distance` compare an estimated path with a reference; `executed_route` and
+`path_map`, `error_over_distance` and `error_over_time` compare an estimated path with a reference; `executed_route` and
 `deviation_from_route` compare the driven path with the plan.
 """
 
@@ -13,16 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.crs import same_crs
 from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.data.route import Route
+from survey.data.trajectory import Trajectory
 from survey.figures.layout import (
     MapFigure,
     add_colour_bar,
     draw_scale_and_north,
     grouped,
     map_figure,
-    widened,
+    widen,
 )
 from survey.figures.map_layers import draw_area
 from survey.figures.style import (
@@ -37,6 +39,7 @@ from survey.figures.style import (
     styled,
 )
 
+_AXES = ("East", "North", "Up")
 _N_ELLIPSES = 25
 _MOST_LANDMARKS = 20_000
 
@@ -246,6 +249,85 @@ def error_over_distance(
 
 
 @styled
+def error_over_time(estimated: Trajectory, reference: Trajectory) -> Figure:
+    """Draw the error of the estimated positions over time, with the claimed ± 2 σ.
+
+    The reference is interpolated linearly at the estimate's times; poses outside its time
+    span are left out. Times when the estimate counts itself lost are shaded.
+
+    Parameters
+    ----------
+    estimated : Trajectory
+        With the covariance of each position.
+    reference : Trajectory
+        Where the rover was.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page: east, north and up below each other.
+
+    Raises
+    ------
+    InputError
+        When the two are in different CRS.
+
+    Examples
+    --------
+    >>> level, spread = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)), np.tile(np.eye(3), (3, 1, 1))
+    >>> driven, estimated = (
+    ...     Trajectory(np.arange(3.0), np.full((3, 3), error), level, spread, "EPSG:32608") for error in (0.0, 0.5)
+    ... )
+    >>> [axes.get_ylabel() for axes in error_over_time(estimated, driven).axes]
+    ['East [m]', 'North [m]', 'Up [m]']
+    """
+    same_crs(estimated.crs, reference.crs, "the trajectory and its reference")
+    common = (estimated.time_s >= reference.time_s[0]) & (estimated.time_s <= reference.time_s[-1])
+    time = estimated.time_s[common]
+    figure = Figure(figsize=(FULL_IN, 4.6), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    unit, seconds = ("min", 60.0) if len(time) and time[-1] > 600.0 else ("s", 1.0)
+    for index, (axes, name) in enumerate(zip(panels, _AXES, strict=True)):
+        error = estimated.position[common, index] - np.interp(
+            time, reference.time_s, reference.position[:, index]
+        )
+        sigma = np.sqrt(estimated.covariance[common, index, index])
+        inside = float(np.mean(np.abs(error) <= 2.0 * sigma)) if len(time) else float("nan")
+        axes.fill_between(
+            time / seconds, -2 * sigma, 2 * sigma, color=CLAIM, alpha=0.2, linewidth=0, label="Claimed ± 2 σ"
+        )
+        axes.axhline(0.0, color=MUTED, linewidth=0.7)
+        axes.plot(time / seconds, error, color=INK, linewidth=1.0, label="Estimate \u2212 reference")
+        _shade_lost(axes, time / seconds, estimated.health[common])
+        axes.set_ylabel(f"{name} [m]")
+        axes.grid(visible=True, axis="y")
+        axes.set_title(f"{inside:.0%} within ± 2 σ", loc="right", fontsize=8, fontweight="normal")
+    panels[0].set_title("Error of the position")
+    panels[-1].set_xlabel(f"Time [{unit}]")
+    if len(time):
+        panels[-1].set_xlim(time[0] / seconds, time[-1] / seconds)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _shade_lost(axes: Axes, time: FloatArray, health: FloatArray) -> None:
+    lost = health < 0.5
+    if lost.any():
+        axes.fill_between(
+            time,
+            0.0,
+            1.0,
+            where=lost,
+            step="mid",
+            transform=axes.get_xaxis_transform(),
+            color=ESTIMATE,
+            alpha=0.18,
+            linewidth=0,
+            label="Lost",
+        )
+
+
+@styled
 def executed_route(
     route: Route, driven: FloatArray, estimated: FloatArray | None = None, *, area: SurveyArea | None = None
 ) -> Figure:
@@ -281,7 +363,7 @@ def executed_route(
     low, high = np.vstack(lines).min(axis=0), np.vstack(lines).max(axis=0)
     margin = 0.05 * max(float((high - low).max()), 1.0)
     (west, south), (east, north) = (low - margin).tolist(), (high + margin).tolist()
-    drawing = map_figure(FULL_IN, widened((west, south, east, north)), legend=True)
+    drawing = map_figure(FULL_IN, widen((west, south, east, north)), legend=True)
     drawing.bar.set_visible(False)
     axes = drawing.maps[0]
     handles: list[Line2D] = []

@@ -15,8 +15,9 @@ from shapely import Polygon
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.figures.layout import add_colour_bar, draw_scale_and_north, map_figure, widened
+from survey.figures.layout import add_colour_bar, draw_scale_and_north, map_figure, widen
 from survey.figures.map_layers import (
+    decimate,
     draw_area,
     draw_contours,
     draw_left_out,
@@ -26,7 +27,6 @@ from survey.figures.map_layers import (
     draw_smooth,
     elevation_limits,
     relief_exaggeration,
-    thinned,
 )
 from survey.figures.style import CLAIM, ELEVATION, ESTIMATE, FULL_IN, INK, MUTED, styled
 
@@ -84,7 +84,7 @@ def plan_map(
     handles: list[Artist] = []
     if terrain is not None:
         area.require_crs(terrain.crs, "the terrain")
-        terrain = thinned(terrain)
+        terrain = decimate(terrain)
         handles += draw_contours(axes, terrain, within=area)
         draw_relief(axes, terrain, exaggeration=relief_exaggeration(terrain))
     axes.set(xlim=bounds[::2], ylim=bounds[1::2])
@@ -105,10 +105,10 @@ def plan_map(
 
 
 def _view(area: SurveyArea) -> tuple[float, float, float, float]:
-    """Return what is shown: the area with a margin of 4 %."""
+    """Return the extent of the map: the area with a margin of 4 %."""
     xmin, ymin, xmax, ymax = area.bounds
     pad = 0.04 * max(xmax - xmin, ymax - ymin)
-    return widened((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    return widen((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
 
 
 @styled

@@ -1,10 +1,9 @@
 """Plan sheets for printing: an overview, the predicted standard deviation, and one sheet for each rover, on A4 pages.
 
 `PlanContent` holds what the sheets show. `plan_sheets` draws the pages as figures: maps at a round scale,
-facts, and tables of corners and swaths that continue on further pages. `pdf_bytes` writes figures as one PDF.
+facts, and tables of corners and swaths that continue on further pages.
 """
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,7 +13,6 @@ import numpy as np
 import shapely
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from shapely import Polygon
@@ -23,7 +21,7 @@ from survey.core.arrays import Bounds
 from survey.core.crs import crs_text
 from survey.core.map_scale import ground_area_m2, ground_length_m
 from survey.core.text import area_text, duration_text, energy_text, length_text, place_text
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
@@ -41,7 +39,6 @@ from survey.figures.map_layers import (
 )
 from survey.figures.page_layout import Column, Page
 from survey.figures.style import ELEVATION, INK, styled
-from survey.io.vector import WGS84
 
 
 class RoverEffort(NamedTuple):
@@ -125,17 +122,6 @@ def plan_sheets(content: PlanContent) -> list[Figure]:
     for number, page in enumerate(pages, start=1):
         page.number(number, len(pages))
     return [page.figure for page in pages]
-
-
-@styled
-def pdf_bytes(figures: Sequence[Figure], title: str) -> bytes:
-    """Return figures as the pages of a PDF file; the same figures give the same bytes."""
-    buffer = io.BytesIO()
-    facts = {"Title": title, "Creator": "firnline", "CreationDate": None}
-    with PdfPages(buffer, metadata=facts) as pages:
-        for figure in figures:
-            pages.savefig(figure, dpi=200)
-    return buffer.getvalue()
 
 
 def _overview(content: PlanContent) -> list[Page]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def opened_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
+def open_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
     """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -49,7 +49,7 @@ def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
     NaN met nothing and are left out.
     """
     place = path.parent if path.suffix in {".db3", ".mcap"} else path
-    with opened_bag(place) as reader:
+    with open_bag(place) as reader:
         clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
         if not clouds:
             raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")

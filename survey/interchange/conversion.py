@@ -16,7 +16,7 @@ from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.core.transformation import chosen_crs
 from survey.data.area import SurveyArea
-from survey.data.surface_points import projected_table
+from survey.data.surface_points import project_table
 from survey.data.trajectory import Trajectory
 from survey.interchange.route_readers import READERS
 from survey.io.point_files import read_point_table, write_point_table
@@ -41,7 +41,7 @@ def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = N
     if kind == "raster":
         _raster(source, out, crs)
     elif kind == "points":
-        table = projected_table(read_point_table(source), crs, str(source))
+        table = project_table(read_point_table(source), crs, str(source))
         datum = datum_of_file(table.vertical_datum, crs, str(source))
         write_point_table(out, table._replace(crs=_one(table.crs, crs, source), vertical_datum=datum))
     elif kind == "area":

@@ -18,12 +18,12 @@ from shapely import LineString, Polygon
 from survey.core.arrays import FloatArray
 from survey.core.crs import ELLIPSOIDAL, same_crs
 from survey.core.errors import InputError
-from survey.core.files import replacing
-from survey.core.transformation import transformed
+from survey.core.files import write_text
+from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.io.vector import WGS84, require_transformation
+from survey.io.vector import require_transformation
 
 FENCE_MARGIN_M = 10.0
 """Distance of the fence of an autopilot from the outline of the area, to its outside [m]."""
@@ -199,7 +199,7 @@ def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
         "rallyPoints": {"points": [], "version": 2},
         "version": 1,
     }
-    _write_text(path, json.dumps(plan, indent=2) + "\n")
+    write_text(path, json.dumps(plan, indent=2) + "\n")
 
 
 def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
@@ -212,7 +212,7 @@ def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
         *_commands(waypoints, heights, around),
     ]
     lines = [_line(index, item) for index, item in enumerate(items)]
-    _write_text(path, "QGC WPL 110\n" + "".join(lines))
+    write_text(path, "QGC WPL 110\n" + "".join(lines))
 
 
 def mission_items(route: Route, around: Surroundings) -> list[MissionItem]:
@@ -297,8 +297,3 @@ def fence_polygons(route: Route, around: Surroundings) -> list[dict[str, Any]]:
         polygon = np.round(corners[:, ::-1], 9).tolist()
         fences.append({"inclusion": inclusion, "polygon": polygon, "version": 1})
     return fences
-
-
-def _write_text(path: Path, text: str) -> None:
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8", newline="\n")

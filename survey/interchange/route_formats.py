@@ -23,12 +23,12 @@ from pyproj import CRS
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.core.files import existing_file
-from survey.core.transformation import chosen_crs, is_geographic
+from survey.core.transformation import WGS84, chosen_crs, is_geographic
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings
 from survey.interchange.route_readers import IN_METRES, READERS
 from survey.interchange.route_writers import WRITERS
-from survey.io.vector import WGS84, read_features
+from survey.io.vector import read_features
 
 _WITH_CRS = (".geojson", ".gpkg", ".json")
 

@@ -12,10 +12,10 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg
 from survey.interchange.missions import NAV_WAYPOINT
-from survey.io.vector import WGS84, layer_names, read_features
+from survey.io.vector import layer_names, read_features
 
 
 def _read_lines(path: Path, crs: CRS) -> list[Leg]:

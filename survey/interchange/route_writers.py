@@ -17,12 +17,12 @@ import shapely
 from shapely import LineString, Polygon
 
 from survey.core.arrays import FloatArray
-from survey.core.files import replacing
+from survey.core.files import write_bytes, write_text
 from survey.core.text import printable
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings, write_qgc_plan, write_wpl
-from survey.io.vector import WGS84, require_transformation, write_features
+from survey.io.vector import require_transformation, write_features
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
 _FIELDS = {"order": "int", "kind": "string", "rover": "int", "length_m": "double"}
@@ -35,8 +35,7 @@ _FIRST_DAY = (1980, 1, 1, 0, 0, 0)
 def write_kml(route: Route, path: Path, around: Surroundings) -> None:
     """Write a KML document."""
     content = _document(route, path, around)
-    with replacing(path) as draft:
-        draft.write_bytes(content)
+    write_bytes(path, content)
 
 
 def write_kmz(route: Route, path: Path, around: Surroundings) -> None:
@@ -44,8 +43,7 @@ def write_kmz(route: Route, path: Path, around: Surroundings) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(zipfile.ZipInfo("doc.kml", _FIRST_DAY), _document(route, path, around))
-    with replacing(path) as draft:
-        draft.write_bytes(buffer.getvalue())
+    write_bytes(path, buffer.getvalue())
 
 
 def _document(route: Route, path: Path, around: Surroundings) -> bytes:
@@ -203,7 +201,7 @@ def _write_geojson(route: Route, path: Path, around: Surroundings) -> None:
         geometry = {"type": "LineString", "coordinates": places}
         features.append({"type": "Feature", "properties": facts, "geometry": geometry})
     collection = {"type": "FeatureCollection", "features": features}
-    _write_text(path, json.dumps(collection, ensure_ascii=False, indent=1) + "\n")
+    write_text(path, json.dumps(collection, ensure_ascii=False, indent=1) + "\n")
 
 
 def _places(route: Route, xy: FloatArray, path: Path, around: Surroundings) -> FloatArray:
@@ -229,18 +227,13 @@ def _write_csv(route: Route, path: Path, _: Surroundings) -> None:
         for k, (here, degrees) in enumerate(zip(leg.xy, _lonlat(route, leg.xy, path), strict=True)):
             metres = [f"{value:.4f}" for value in here]
             rows.writerow([leg.rover, index, leg.kind, k, *metres, *(f"{value:.9f}" for value in degrees)])
-    _write_text(path, text.getvalue())
+    write_text(path, text.getvalue())
 
 
 def _write_wkt(route: Route, path: Path, _: Surroundings) -> None:
-    _write_text(
+    write_text(
         path, "".join(shapely.to_wkt(LineString(leg.xy), rounding_precision=-1) + "\n" for leg in route.legs)
     )
-
-
-def _write_text(path: Path, text: str) -> None:
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8", newline="\n")
 
 
 WRITERS: dict[str, Callable[[Route, Path, Surroundings], None]] = {

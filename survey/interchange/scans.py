@@ -180,7 +180,6 @@ def _points(
         raise InputError(f"{path}: {error}") from error
 
 
-_KITTI_SUFFIX, _BAG_SUFFIXES = ".bin", (".db3", ".mcap", ".bag")
 _METADATA = "metadata.yaml"  # of the folder of a ROS 2 bag
 _KITTI_FOLDERS = (
     ".",
@@ -205,7 +204,7 @@ def holds_sensor_scans(source: str | Path) -> bool:
     if place.is_dir():
         is_recorded = is_lidar_folder(place) or is_lidar_folder(place / _LIDAR)
         return is_recorded or _is_bag(place) or _kitti_folder(place) is not None
-    return place.suffix == _KITTI_SUFFIX or _is_bag(place)
+    return place.suffix in _KITTI or _is_bag(place)
 
 
 def read_sensor_scans(
@@ -236,19 +235,19 @@ def read_sensor_scans(
 def _is_bag(place: Path) -> bool:
     """Return whether a path is a ROS 1 bag, the folder of a ROS 2 bag, or the file in it."""
     if place.is_dir():
-        return (place / _METADATA).is_file() and any(file.suffix in _BAG_SUFFIXES for file in place.iterdir())
-    return place.suffix in _BAG_SUFFIXES
+        return (place / _METADATA).is_file() and any(file.suffix in _BAGS for file in place.iterdir())
+    return place.suffix in _BAGS
 
 
 def _kitti_folder(place: Path) -> Path | None:
     """Return the folder of KITTI scans in a folder; None where there are none."""
     folders = (place / name for name in _KITTI_FOLDERS)
-    return next((folder for folder in folders if any(folder.glob(f"*{_KITTI_SUFFIX}"))), None)
+    return next((folder for folder in folders if any(folder.glob("*.bin"))), None)
 
 
 def _kitti(place: Path, pose_times_s: FloatArray) -> Iterator[SensorScan]:
     folder = _kitti_folder(place) if place.is_dir() else None
-    files = [existing_file(place, "the scan")] if folder is None else sorted(folder.glob(f"*{_KITTI_SUFFIX}"))
+    files = [existing_file(place, "the scan")] if folder is None else sorted(folder.glob("*.bin"))
     for file in files:
         yield _at_once(kitti_time_s(file, pose_times_s), read_kitti_scan(file))
 

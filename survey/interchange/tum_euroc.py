@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files import write_text
 from survey.data.camera import Camera
 from survey.data.frames import Frames, png_of_frame
 from survey.data.recording import Recording
@@ -120,5 +120,4 @@ def _listed(values: FloatArray) -> str:
 
 
 def _write(path: Path, lines: list[str]) -> None:
-    with replacing(path) as draft:
-        draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")

@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, replacing
+from survey.core.files import existing_file, first_line, write_bytes
 
 LARGEST_BYTES = 2**31
 """Largest arrays of one file: 2.1 GB in memory."""
@@ -31,8 +31,7 @@ def write_npz(path: str | Path, arrays: Mapping[str, Any], *, compressed: bool =
     buffer = io.BytesIO()
     save = np.savez_compressed if compressed else np.savez
     save(buffer, allow_pickle=False, **held)
-    with replacing(path) as draft:
-        draft.write_bytes(buffer.getvalue())
+    write_bytes(path, buffer.getvalue())
 
 
 def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:

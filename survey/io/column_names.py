@@ -290,19 +290,19 @@ _METRES = re.compile(r"_(m|met(er|re)s?)$")
 _FEET = re.compile(r"_((us|survey|international|intl)_?)*(s?ft|ift|ftus|ft_us|feet|foot)$")
 
 
-def normalized(name: str) -> str:
+def normalize(name: str) -> str:
     """Return the form in which names of columns are compared.
 
-    >>> normalized(" Easting [m]"), normalized("Point ID"), normalized("Elev.")
+    >>> normalize(" Easting [m]"), normalize("Point ID"), normalize("Elev.")
     ('easting_m', 'point_id', 'elev')
     """
     return re.sub(r"[\W_]+", "_", name.strip().lower()).strip("_")
 
 
-def parsed_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) -> dict[str, str]:
+def parse_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) -> dict[str, str]:
     """Read a mapping such as ``x=Easting,y=Northing`` from the command line.
 
-    >>> parsed_columns(["x=Easting,y=Northing", "sigma_z=SDV"])
+    >>> parse_columns(["x=Easting,y=Northing", "sigma_z=SDV"])
     {'x_m': 'Easting', 'y_m': 'Northing', 'sigma_z_m': 'SDV'}
     """
     found: dict[str, str] = {}
@@ -327,7 +327,7 @@ def spelled(name: str, kind: str) -> bool:
     >>> spelled("Easting (Meter)", "easting"), spelled("VRMS(mm)", "sigma_z"), spelled("Elevation (ft)", "height")
     (True, True, False)
     """
-    plain = normalized(without_unit(name))
+    plain = normalize(without_unit(name))
     return plain in SPELLINGS[kind] or without_metres(plain) in SPELLINGS[kind]
 
 
@@ -371,10 +371,10 @@ class ColumnNames(NamedTuple):
         return printable(f"{where}: columns read as {read}{rest}.")
 
 
-def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) -> list[str]:
+def rename_header(header: Sequence[str], given: Mapping[str, str], where: str) -> list[str]:
     """Give columns that a mapping names their own names; a column that has such a name already loses it.
 
-    >>> renamed_header(["E", "N", "H", "z_m"], {"z_m": "H"}, "gnss.csv")
+    >>> rename_header(["E", "N", "H", "z_m"], {"z_m": "H"}, "gnss.csv")
     ['E', 'N', 'z_m', '(z_m)']
     """
     missing = next((name for name in given.values() if name not in header), None)
@@ -383,7 +383,7 @@ def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) 
             f"{where} has no column {missing!r} (found {printable(', '.join(header))[:200]}); name one of those."
         )
     for key, name in given.items():
-        if key.endswith("_m") and _FEET.search(normalized(name)):
+        if key.endswith("_m") and _FEET.search(normalize(name)):
             raise InputError(_in_feet(name, where))
     own = {name: key for key, name in given.items()}
     return [own.get(name, f"({name})" if name in given else name) for name in header]
@@ -411,7 +411,7 @@ def datum_of_column(name: str) -> str:
     >>> datum_of_column("Ellipsoidal height"), datum_of_column("Elevation")
     ('ellipsoidal height', '')
     """
-    return ELLIPSOIDAL if re.search(r"(^|_)ell(ip|_)", normalized(name)) else UNSTATED
+    return ELLIPSOIDAL if re.search(r"(^|_)ell(ip|_)", normalize(name)) else UNSTATED
 
 
 def without_unit(name: str) -> str:
@@ -435,7 +435,7 @@ def metres_factor(name: str) -> float:
 
 def refuse_feet(header: Sequence[str], where: str) -> None:
     """Refuse a table that gives a place or its standard deviation in feet alone."""
-    found = [normalized(name) for name in header]
+    found = [normalize(name) for name in header]
     for kind in ("easting", "northing", "height", "sigma_z"):
         feet = [name for name, plain in zip(header, found, strict=True) if _is_feet(plain, kind)]
         if feet and not any(spelled(name, kind) for name in header):
@@ -450,7 +450,7 @@ def _is_feet(plain: str, kind: str) -> bool:
     return bool(_FEET.search(plain)) and _FEET.sub("", plain) in SPELLINGS[kind]
 
 
-def say_columns(where: str, names: ColumnNames) -> None:
+def log_columns(where: str, names: ColumnNames) -> None:
     """Log which columns were read, where their names are not firnline's own."""
     if not names.are_own:
         logging.getLogger(__name__).warning("%s", names.sentence(where))

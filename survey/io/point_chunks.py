@@ -15,7 +15,8 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files import existing_file
-from survey.io.point_table import damaged
+from survey.io.ply import PlyError, read_vertices
+from survey.io.point_table import damaged_points
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
 _STRIP = ("point_source_id", "PointSourceId", "strip")
@@ -33,6 +34,8 @@ def ply_facts(file: Path) -> tuple[int, Bounds, Any]:
     """Return number, bounds [m] and stated CRS of the vertices of a PLY file."""
     vertices, comments = _mapped_ply(file)
     axes = _axes(vertices.dtype.names or (), file)
+    if len(vertices) == 0:
+        raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
     low, high = ([float(f(vertices[a])) for a in axes[:2]] for f in (np.min, np.max))
     crs = next((text.split(" ", 1)[1] for text in comments if text.startswith("crs ")), None)
     return len(vertices), (low[0], low[1], high[0], high[1]), crs
@@ -51,13 +54,10 @@ def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnC
 
 
 def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
-    import plyfile
-
     try:
-        ply = plyfile.PlyData.read(str(file), mmap="r")
-        return ply["vertex"].data, list(ply.comments)
-    except (plyfile.PlyParseError, KeyError, ValueError, MemoryError, TypeError, IndexError) as error:
-        raise damaged(file, "PLY", error) from error
+        return read_vertices(file)
+    except (PlyError, MemoryError) as error:
+        raise damaged_points(file, "PLY", error) from error
 
 
 def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
@@ -98,7 +98,7 @@ def _opened_parquet(file: Path) -> Any:
     try:
         opened: Any = parquet.ParquetFile(file)
     except (pyarrow.ArrowException, OSError) as error:
-        raise damaged(file, "Parquet", error) from error
+        raise damaged_points(file, "Parquet", error) from error
     return opened
 
 
@@ -216,9 +216,9 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
 
 
 def _las_facts(file: Path) -> PointFileFacts:
-    from survey.io.las import datum_of_header, opened_las  # here: laspy imports a client of the web
+    from survey.io.las import datum_of_header, open_las  # here: laspy imports a client of the web
 
-    with opened_las(file) as reader:
+    with open_las(file) as reader:
         header = reader.header
         low, high = header.mins, header.maxs
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -229,7 +229,7 @@ def _las_facts(file: Path) -> PointFileFacts:
 def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
     import laspy
 
-    from survey.io.las import classes_of, opened_las
+    from survey.io.las import classes_of, open_las
 
     wanted = (
         laspy.DecompressionSelection.FLAGS
@@ -237,7 +237,7 @@ def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
         | laspy.DecompressionSelection.Z
     )
     wanted |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.POINT_SOURCE_ID
-    with opened_las(file, decompression_selection=wanted) as reader:
+    with open_las(file, decompression_selection=wanted) as reader:
         reader.seek(first)
         left = n
         while left > 0:

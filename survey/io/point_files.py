@@ -1,8 +1,9 @@
 """Point files as tables of points: text, vector files, PLY, LAS and LAZ.
 
-`read_point_table` and `write_point_table` choose the format by the file's ending. Numbers that stand for missing ones,
-heights beyond all ground on Earth and damaged files are refused. CSV carries no CRS. LAS and LAZ stand in
-`survey.io.las`, which loads laspy; files beyond the memory are read by `survey.io.point_chunks`.
+`read_point_table` and `write_point_table` choose the format by the file's ending; `read_named_points` reads a name for each
+point too, such as those of surveyed marks. Numbers that stand for missing ones, heights beyond all ground on Earth and
+damaged files are refused. CSV carries no CRS. LAS and LAZ stand in `survey.io.las`, which loads laspy; files beyond the
+memory are read by `survey.io.point_chunks`.
 """
 
 import logging
@@ -10,11 +11,10 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import plyfile
 import shapely
 from pyproj import CRS
 
@@ -27,27 +27,28 @@ from survey.io.column_names import (
     ColumnNames,
     axis_of,
     datum_of_column,
+    log_columns,
     metres_factor,
     one_column,
     refuse_feet,
-    renamed_header,
-    say_columns,
+    rename_header,
     spelled,
 )
-from survey.io.las_header import check_claim
+from survey.io.ply import PlyError, read_header, read_vertices, write_vertices
 from survey.io.point_table import (
     CRC,
     DATUM,
     PLACE,
     PointTable,
     add_column,
+    check_claim,
     check_count,
-    damaged,
+    damaged_points,
     in_own_columns,
     place_columns,
 )
 from survey.io.raster.values import HIGHEST_M, LOWEST_M, MARKS, MARKS_IN_METRES
-from survey.io.tables import read_table, write_table
+from survey.io.tables import is_number, read_table, write_table
 from survey.io.text_tables import LARGEST_BYTES, TextTable, read_text_table, refuse_hemispheres
 from survey.io.vector import read_features, write_features
 
@@ -108,22 +109,14 @@ def _is_plain(file: Path) -> bool:
     if set(PLACE) <= names or not first.strip():
         return True
     has_sigma = any(spelled(name, "sigma_z") for name in names)
-    return "," in header and not has_sigma and all(map(_is_number, first.split(",")))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    return "," in header and not has_sigma and all(map(is_number, first.split(",")))
 
 
 def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = ()) -> PointTable:
     """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
     text = read_text_table(file, _WHAT, unnamed)
     refuse_feet(text.header, text.where)
-    known = dict(zip(text.header, renamed_header(text.header, given, text.where), strict=True))
+    known = dict(zip(text.header, rename_header(text.header, given, text.where), strict=True))
     sigma = one_column("sigma_z", list(known.values()), text.where)
     asked = {*given, sigma}
     names = {
@@ -132,7 +125,7 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     names = {name: _SIGMA if own == sigma else own for name, own in names.items()}
     numbers = {own: metres_factor(name) * text.numbers(name, axis_of(own)) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
-    say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
+    log_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
     _refuse_places_of_text(text, known, set(numbers))
     height = place_columns(list(numbers), text.where).names[2]
     datum = datum_of_column(next(name for name, own in names.items() if own == height))
@@ -154,14 +147,14 @@ def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: s
 
 VECTOR_ENDINGS = (".gpkg", ".geojson", ".json", ".shp", ".fgb")
 """Endings of vector files that points are read from."""
-_HEIGHT, _SIGMA_Z = PLACE[2], "sigma_z_m"
+_HEIGHT = PLACE[2]
 
 Attributes = dict[str, npt.NDArray[Any]]
 
 
 def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
     """Read points from a vector file; `columns` names attributes by own name, such as ``{"z_m": "Elevation"}``."""
-    features, where = read_features(path, what="the point file"), f"the point file {path}"
+    features, where = read_features(path, what=_WHAT), f"{_WHAT} {path}"
     _refuse_other_shapes(features.geometry, where)
     attributes = dict(features.attributes)
     datum = attributes.pop(DATUM, None)
@@ -172,7 +165,7 @@ def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTa
     for name, column in attributes.items():
         if name not in {*names, *names.values()} and np.issubdtype(column.dtype, np.number):
             add_column(found, name, column, path)
-    say_columns(where, ColumnNames(names))
+    log_columns(where, ColumnNames(names))
     crs = features.crs
     stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
     stated = stated or datum_of_column(names.get(_HEIGHT, ""))
@@ -198,17 +191,17 @@ def _used_attributes(
     attributes: Attributes, given: Mapping[str, str], geometry: npt.NDArray[Any], where: str
 ) -> dict[str, str]:
     """Return the attributes that are read by own name: those that were chosen, and usual ones of heights and their errors."""
-    chosen = next((key for key in given if key not in (_HEIGHT, _SIGMA_Z)), None)
+    chosen = next((key for key in given if key not in (_HEIGHT, _SIGMA)), None)
     if chosen is not None:
         raise InputError(
             f"{where} has its places in its geometry, and {chosen} was chosen from the attribute {given[chosen]}; "
             "choose z and sigma_z alone."
         )
     header = list(attributes)
-    renamed_header(header, given, where)
+    rename_header(header, given, where)
     found = {
         _HEIGHT: given.get(_HEIGHT) or _height(attributes, shapely.get_z(geometry), where),
-        _SIGMA_Z: given.get(_SIGMA_Z) or one_column("sigma_z", header, where),
+        _SIGMA: given.get(_SIGMA) or one_column("sigma_z", header, where),
     }
     return {own: name for own, name in found.items() if name is not None}
 
@@ -249,38 +242,31 @@ def _numbers(attributes: Attributes, name: str, where: str) -> FloatArray:
     return np.asarray(attributes[name], dtype=np.float64)
 
 
-_PLY_HEAD = 65_536
 _COARSE_M = 0.01
 
 
 def read_ply(path: Path) -> PointTable:
     """Read a PLY file, and check its checksum where firnline wrote it."""
-    file = existing_file(path, "the point file")
-    _check_ply_claim(file)
+    file = existing_file(path, _WHAT)
     try:
-        ply = plyfile.PlyData.read(str(file))
-        vertices = ply["vertex"].data
-    except (
-        plyfile.PlyParseError,
-        KeyError,
-        ValueError,
-        MemoryError,
-        OverflowError,
-        TypeError,
-        IndexError,
-    ) as error:
-        raise damaged(file, "PLY", error) from error
-    missing = {"x", "y", "z"} - set(vertices.dtype.names)
+        for element in read_header(file).elements:
+            check_claim(file, element.n_rows, 1)
+            check_count(file, element.n_rows)
+        vertices, comments = read_vertices(file)
+    except (PlyError, MemoryError) as error:
+        raise damaged_points(file, "PLY", error) from error
+    names = vertices.dtype.names or ()
+    missing = {"x", "y", "z"} - set(names)
     if missing:
         raise InputError(
             f"the point file {file} has vertices without {', '.join(sorted(missing))}; get it again."
         )
     columns = dict(zip(PLACE, (vertices[axis].astype(np.float64) for axis in "xyz"), strict=True))
     _say_rounded(file, vertices)
-    for name in vertices.dtype.names:
-        if name not in "xyz" and np.issubdtype(vertices.dtype[name], np.number):
+    for name in names:
+        if name not in "xyz":
             add_column(columns, name, vertices[name], file)
-    stated = dict(comment.split(" ", 1) for comment in ply.comments if " " in comment)
+    stated = dict(comment.split(" ", 1) for comment in comments if " " in comment)
     if CRC in stated:
         refuse_altered(file, stated[CRC], [vertices], f"its comment {CRC}")
     return PointTable(columns, stated.get("crs"), stated.get(DATUM, UNSTATED))
@@ -288,7 +274,7 @@ def read_ply(path: Path) -> PointTable:
 
 def write_ply(path: Path, table: PointTable) -> None:
     """Write a binary PLY file with a checksum."""
-    names = {**dict(zip(PLACE, "xyz", strict=True))}
+    names = dict(zip(PLACE, "xyz", strict=True))
     fields = [(names.get(name, name), "<f8") for name in table.columns]
     vertices = np.empty(len(table.columns["x_m"]), dtype=fields)
     for name, column in table.columns.items():
@@ -297,14 +283,18 @@ def write_ply(path: Path, table: PointTable) -> None:
     comments = [f"crs {crs_text(crs)}", f"{CRC} {checksum([vertices])}"]
     if table.vertical_datum:
         comments.append(f"{DATUM} {table.vertical_datum}")
-    element = plyfile.PlyElement.describe(vertices, "vertex")
     with replacing(path) as draft:
-        plyfile.PlyData([element], text=False, byte_order="<", comments=comments).write(str(draft))
+        try:
+            write_vertices(draft, vertices, comments)
+        except PlyError as error:
+            raise InputError(
+                f"{path} cannot be written as PLY ({error}); write GeoPackage (.gpkg), or rename the column."
+            ) from error
 
 
 def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
     """Log how far coordinates are rounded, where numbers of 32 bits are too short for them."""
-    axes = [vertices[axis] for axis in "xyz" if vertices.dtype[axis] == np.float32]
+    axes = [vertices[axis] for axis in "xyz" if vertices.dtype[axis].str[1:] == "f4"]
     step_m = max((float(np.spacing(np.abs(axis).max(initial=0.0))) for axis in axes), default=0.0)
     if step_m > _COARSE_M:
         logging.getLogger(__name__).warning(
@@ -313,17 +303,6 @@ def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
             file,
             step_m,
         )
-
-
-def _check_ply_claim(file: Path) -> None:
-    """Refuse a header of more rows than the file has bytes."""
-    with file.open("rb") as stream:
-        head = stream.read(_PLY_HEAD).split(b"end_header")[0]
-    for line in head.splitlines():
-        words = line.split()
-        if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
-            check_claim(file, int(words[2]), 1)
-            check_count(file, int(words[2]))
 
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
@@ -367,7 +346,7 @@ def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
     if name is None or name == _SIGMA:
         return table
     columns = {key: column for key, column in table.columns.items() if key != name}
-    say_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
+    log_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
     return table._replace(columns={**columns, _SIGMA: metres_factor(name) * table.columns[name]})
 
 
@@ -455,3 +434,102 @@ WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
 """Writer for each ending of a point file."""
 READ_ENDINGS = (*TABLES, *_CLOUDS)
 """Endings of point files that are read."""
+
+
+_NAME = "name"
+_TABLES = (".csv", ".txt", ".tsv")
+
+
+class NamedPoints(NamedTuple):
+    """Columns of numbers, and a name for each row (empty where the file gives none)."""
+
+    table: PointTable
+    names: tuple[str, ...]
+
+
+def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | None = None) -> NamedPoints:
+    """Read points with names from tables of text, GPX (way points), or any format of points.
+
+    Tables may have commas, semicolons or tabs between cells, decimal commas, and the usual names of columns
+    (``Point, Easting, Northing, Elevation, SDH, SDV``); where they are not firnline's own, the log states which
+    were read. Columns of text, such as codes, are passed over.
+    """
+    file = existing_file(path, what)
+    suffix = file.suffix.lower()
+    if suffix in _TABLES:
+        table, names = _table(read_text_table(file, what), columns or {})
+        refuse_marks(table, file)
+    elif suffix == ".gpx":
+        table, names = _gpx(file, what)
+    else:
+        table = read_point_table(file, columns)
+        names = _feature_names(file, what) if suffix in VECTOR_ENDINGS else ()
+    if len(set(names)) < len(names) or "" in names:
+        repeated = sorted({name for name in names if names.count(name) > 1 or not name})
+        raise InputError(
+            f"{what} {file} names several points {repeated[0]!r}; give every point a name of its own."
+        )
+    return NamedPoints(table, names)
+
+
+def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple[str, ...]]:
+    """Return places, standard deviations and marks of a table, with the names of its points."""
+    original = dict(zip(rename_header(text.header, given, text.where), text.header, strict=True))
+    used = _used_columns(list(original), text.where)
+    numbers = {
+        own: metres_factor(original[name]) * text.numbers(original[name], axis_of(own))
+        for own, name in used.items()
+        if own != _NAME
+    }
+    names = text.texts(original[used[_NAME]]) if _NAME in used else ()
+    read = {own: original[name] for own, name in used.items()}
+    log_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
+    datum = datum_of_column(read[PLACE[2]])
+    table = PointTable(*in_own_columns(numbers, text.where), datum)
+    if table.crs is not None:
+        refuse_hemispheres(text, *(table.columns[name] for name in PLACE[:2]))
+    return table, names
+
+
+def _used_columns(header: list[str], where: str) -> dict[str, str]:
+    """Return the columns that are read: places, then the others by own name."""
+    refuse_feet(header, where)
+    places = place_columns(header, where)
+    own = ("longitude_deg", "latitude_deg", PLACE[2]) if places.is_geographic else PLACE
+    found = {
+        _NAME: one_column("name", header, where),
+        "sigma_z_m": one_column("sigma_z", header, where),
+        "vegetated": one_column("vegetated", header, where),
+        "control": one_column("control", header, where),
+        "map_x_m": one_column("map_x", header, where),
+        "map_y_m": one_column("map_y", header, where),
+    }
+    if found["map_x_m"] is not None:
+        found["sigma_xy_m"] = one_column("sigma_xy", header, where)
+    others = {key: name for key, name in found.items() if name is not None}
+    return {**dict(zip(own, places.names, strict=True)), **others}
+
+
+def _gpx(file: Path, what: str) -> tuple[PointTable, tuple[str, ...]]:
+    """Read way points; heights of GPX files say not what they count from."""
+    features = read_features(file, layer="waypoints", what=what)
+    heights = features.attributes.get("ele")
+    if heights is None or not np.isfinite(np.asarray(heights, dtype=np.float64)).all():
+        raise InputError(f"{what} {file} holds way points without <ele>; heights are needed.")
+    xy = shapely.get_coordinates(features.geometry)
+    places = np.column_stack([xy, np.asarray(heights, dtype=np.float64)])
+    table = PointTable(dict(zip(PLACE, places.T, strict=True)), CRS.from_epsg(4326), UNSTATED)
+    return table, _texts(features.attributes.get(_NAME))
+
+
+def _feature_names(file: Path, what: str) -> tuple[str, ...]:
+    return _texts(read_features(file, what=what).attributes.get(_NAME))
+
+
+def _texts(column: object) -> tuple[str, ...]:
+    if column is None:
+        return ()
+    values = np.asarray(column, dtype=object)
+    if all(value is None for value in values):
+        return ()
+    return tuple("" if value is None else str(value).strip() for value in values)

@@ -17,10 +17,10 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs import UNSTATED
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import first_line
-from survey.io.column_names import SPELLINGS, normalized, without_metres
+from survey.core.transformation import WGS84
+from survey.io.column_names import SPELLINGS, normalize, without_metres
 
 PLACE = ("x_m", "y_m", "z_m")
-WGS84 = CRS.from_epsg(4326)
 
 
 class _Family(NamedTuple):
@@ -61,7 +61,7 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     """
     if all(name in header for name in PLACE):
         return PlaceColumns(PLACE, is_geographic=False)
-    found = {normalized(name): name for name in header}
+    found = {normalize(name): name for name in header}
     if len(found) < len(header):
         raise InputError(
             f"{where} has columns whose names differ in the case of letters or in marks alone; rename or remove them."
@@ -102,7 +102,7 @@ def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str
     return {**places, **others}, WGS84
 
 
-def say_projected(where: str, crs: CRS) -> None:
+def log_projection(where: str, crs: CRS) -> None:
     """Log in one sentence that degrees were projected."""
     logging.getLogger(__name__).warning(
         "%s is in degrees (WGS 84); its points are projected to %s.", where, crs.name
@@ -233,6 +233,14 @@ def check_count(file: Path, n_points: int) -> None:
         )
 
 
-def damaged(file: Path, kind: str, error: BaseException) -> InputError:
+def check_claim(file: Path, n_points: int, point_bytes: int, ratio: int = 1) -> None:
+    """Refuse a header that claims more points than the file can hold."""
+    if n_points * max(point_bytes, 1) > file.stat().st_size * ratio:
+        raise InputError(
+            f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
+        )
+
+
+def damaged_points(file: Path, kind: str, error: BaseException) -> InputError:
     """Return the refusal of a file that a library could not read."""
     return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")

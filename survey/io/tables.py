@@ -116,19 +116,20 @@ def _numbers(
         (number, index, cell)
         for number, row in zip(lines, cells, strict=True)
         for index, cell in zip(kept, row, strict=True)
-        if not _is_number(cell)
+        if "_" in cell or not is_number(cell)
     )
     raise InputError(
         f"{where}, line {number}: {cell[:_LONGEST_CELL]!r} in the column {header[index]} is no number; correct it."
     )
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number to Python, which takes 1_000 for one too."""
     try:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell
+    return True
 
 
 def _refuse_cut_off(file: Path, n_columns: int, where: str) -> None:
@@ -136,7 +137,7 @@ def _refuse_cut_off(file: Path, n_columns: int, where: str) -> None:
     lines = last_lines(file)
     # The first line is the header, or the rest of a line.
     rows = [row for row in csv.reader(lines[1:]) if len(row) == n_columns]
-    refuse_cut_off(lines[-1], rows, where)
+    refuse_cut_off_line(lines[-1], rows, where)
 
 
 # With fewer other rows, an equal number of decimals could be chance.
@@ -153,7 +154,7 @@ def last_lines(file: Path) -> list[str]:
         return stream.read().decode(errors="replace").splitlines(keepends=True)
 
 
-def refuse_cut_off(last: str, rows: Sequence[Sequence[str]], where: str) -> None:
+def refuse_cut_off_line(last: str, rows: Sequence[Sequence[str]], where: str) -> None:
     r"""Refuse a table whose last line has no line break and could be cut off in the middle of its last value.
 
     Google Sheets and many editors end a table so. The last value is complete where a shorter one would be seen: in
@@ -161,8 +162,8 @@ def refuse_cut_off(last: str, rows: Sequence[Sequence[str]], where: str) -> None
     as many decimals in all rows.
 
     >>> rows = [["1.0", "811.20"], ["2.0", "811.95"], ["3.0", "812.10"]]
-    >>> refuse_cut_off("4.0,812.55", [*rows, ["4.0", "812.55"]], "a.csv")
-    >>> refuse_cut_off("4.0,812.5", [*rows, ["4.0", "812.5"]], "a.csv")
+    >>> refuse_cut_off_line("4.0,812.55", [*rows, ["4.0", "812.55"]], "a.csv")
+    >>> refuse_cut_off_line("4.0,812.5", [*rows, ["4.0", "812.5"]], "a.csv")
     Traceback (most recent call last):
     survey.core.errors.InputError: a.csv ends in the middle of a line; it may be cut off, ...
     """

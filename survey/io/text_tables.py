@@ -19,7 +19,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, first_line
 from survey.core.text import printable
-from survey.io.tables import refuse_cut_off, refuse_repeated_columns
+from survey.io.tables import refuse_cut_off_line, refuse_repeated_columns
 
 _NUMBER = r"[+-]?\d{{1,3}}({0}\d{{3}})+"
 _BLANKS = re.compile(_NUMBER.format("['\u2019 \u00a0\u202f]") + r"([.,]\d*)?")
@@ -209,7 +209,7 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     header, numbered = _as_counted(header, numbered)
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
-    refuse_cut_off(last, rows, where)
+    refuse_cut_off_line(last, rows, where)
     marks = NumberMarks.among((cell for row in rows for cell in row), has_commas=separator != ",")
     return TextTable(header, rows, [line for line, _ in numbered], marks, where)
 

@@ -17,7 +17,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
-from survey.core.transformation import transformed
+from survey.core.transformation import WGS84, transformed
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.vector import read_features, write_features
 
@@ -146,7 +146,6 @@ def _row(line: str, columns: Sequence[str], where: str) -> list[float]:
 # Times of less than _UNIX_FROM_S count from here where a format requires a date; larger ones are Unix times.
 _EPOCH_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
 _UNIX_FROM_S = 1e8
-_WGS84 = CRS.from_epsg(4326)
 _TIME, _HEIGHT = "time_s", "elevation_m"
 
 
@@ -191,7 +190,7 @@ def read_gpx(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
     features = read_features(path, layer="track_points", what="the track", dates_as_text=True)
     heights = _numbers(features.attributes.get("ele"), path, "heights (<ele>)")
     unix_s = _seconds(features.attributes.get("time"), path)
-    return unix_s, _places(features.geometry, heights, _WGS84, crs, path)
+    return unix_s, _places(features.geometry, heights, WGS84, crs, path)
 
 
 def _places(shapes: Any, heights: FloatArray, source: Any, crs: CRS, path: str | Path) -> FloatArray:
@@ -210,13 +209,13 @@ def track_crs(path: str | Path) -> CRS | None:
     Returns: WGS 84 for ``.gpx``; None where the file states none.
     """
     if Path(path).suffix.lower() == ".gpx":
-        return _WGS84
+        return WGS84
     stated = read_features(path, what="the track").crs
     return None if stated is None else CRS(stated)
 
 
 def _write_gpx(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) -> None:
-    degrees = np.round(transformed(xyz[:, :2], crs, _WGS84, "the track"), 9)
+    degrees = np.round(transformed(xyz[:, :2], crs, WGS84, "the track"), 9)
     unix_s = time_s if (time_s > _UNIX_FROM_S).all() else time_s + _EPOCH_S
     columns = {
         "track_fid": np.zeros(len(xyz), dtype=np.int32),
@@ -224,7 +223,7 @@ def _write_gpx(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) 
         "ele": xyz[:, 2],
         "time": np.rint(1e3 * unix_s).astype("int64").astype("datetime64[ms]"),
     }
-    write_features(path, shapely.points(degrees), columns, _WGS84, layer="track_points")
+    write_features(path, shapely.points(degrees), columns, WGS84, layer="track_points")
 
 
 def _seconds(column: Any, path: str | Path) -> FloatArray:

@@ -18,7 +18,7 @@ from pyproj import CRS
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
 from survey.core.text import printable
-from survey.core.transformation import coded_crs, transformed
+from survey.core.transformation import WGS84, coded_crs, transformed
 from survey.io.dataset_files import stale_files
 from survey.io.file_kinds import OFFLINE, check_vector_file, kml_document
 
@@ -44,7 +44,7 @@ def gdal_bindings() -> Iterator[Any]:
         pyogrio.set_gdal_config_options(before)
 
 
-def gdal_faults() -> tuple[type[Exception], ...]:
+def pyogrio_errors() -> tuple[type[Exception], ...]:
     """Return what reading and writing through GDAL may raise."""
     from pyogrio import errors as e
 
@@ -59,7 +59,6 @@ def gdal_faults() -> tuple[type[Exception], ...]:
     )
 
 
-WGS84 = CRS("EPSG:4326")
 SURVEY_CRS = "survey_crs"
 """Column of a GeoJSON in degrees that holds the projected CRS of its features as WKT."""
 
@@ -209,7 +208,7 @@ def _gdal_of(file: Path, what: str) -> Iterator[Any]:
             yield gdal
     except InputError:
         raise
-    except gdal_faults() as error:
+    except pyogrio_errors() as error:
         raise InputError(
             f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
         ) from error
@@ -309,7 +308,7 @@ def write_layers(
         try:
             for number, (name, values) in enumerate(facts.items()):
                 gdal.raw.write(draft, driver=driver, layer=name, append=number > 0, **values, **options)
-        except gdal_faults() as error:
+        except pyogrio_errors() as error:
             raise unwritable(target, error) from error
 
 

@@ -19,7 +19,7 @@ from survey.core.crs import same_crs
 from survey.core.documents import is_intact, with_checksum
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
-from survey.data.conversions import draw_raster, html_table, to_dataset, value_range
+from survey.data.conversions import html_table, plot_raster, to_dataset, value_range
 from survey.data.dem import Dem
 from survey.io.raster import read_raster, write_raster
 from survey.io.raster.writing import write_categories
@@ -173,7 +173,7 @@ class Reconstruction(DataObject):
         matplotlib.axes.Axes
             Easting and northing [m].
         """
-        return draw_raster(ax, self.mean.elevation, self.mean.bounds, self._name_and_unit()[2])
+        return plot_raster(ax, self.mean.elevation, self.mean.bounds, self._name_and_unit()[2])
 
     def to_xarray(self) -> "Dataset":
         """Return mean, standard deviation and support codes as an xarray object with CF metadata.

@@ -29,6 +29,7 @@ from survey.scoring.class_scores import ClassScore
 from survey.scoring.scores import Score
 from survey.scoring.standards.assessment import Assessment, CheckpointScore
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors
+from survey.scoring.standards.checkpoints import LEAST_SHARE, LEAST_SPACING
 
 NSSDA = "FGDC (1998): Geospatial Positioning Accuracy Standards, Part 3: National Standard for Spatial Data Accuracy. FGDC-STD-007.3-1998."
 ASPRS_2014 = "ASPRS (2014): Positional Accuracy Standards for Digital Geospatial Data, Edition 1, Version 1.0. Photogrammetric Engineering & Remote Sensing 81(3), A1–A26."
@@ -142,9 +143,6 @@ def methods_section(cited: Sequence[str]) -> Chapter:
     return Chapter("Methods and standards cited", paragraphs=tuple(dict.fromkeys(cited)))
 
 
-_ADVISED_SHARE, _ADVISED_SPACING = 0.20, 0.10
-
-
 def checkpoint_report(
     setting: ReportSetting,
     dem: Dem,
@@ -244,11 +242,11 @@ def _spread(errors: CheckpointErrors) -> tuple[str, ...]:
     shares = ", ".join(
         f"{name} {share:.0%}" for name, share in zip(quarters, spread.quadrant_shares, strict=True)
     )
-    is_even = min(spread.quadrant_shares) >= _ADVISED_SHARE and spread.spacing_share >= _ADVISED_SPACING
+    is_even = min(spread.quadrant_shares) >= LEAST_SHARE and spread.spacing_share >= LEAST_SPACING
     return (
         f"Shares of the checkpoints in the quarters of the area: {shares}. Least distance between two of them: "
         f"{spread.spacing_share:.1%} of the diagonal.",
-        f"Guidance (NSSDA, appendix 3-C): at least {_ADVISED_SHARE:.0%} in each quarter and {_ADVISED_SPACING:.0%} of the "
+        f"Guidance (NSSDA, appendix 3-C): at least {LEAST_SHARE:.0%} in each quarter and {LEAST_SPACING:.0%} of the "
         f"diagonal between any two; these points {'follow' if is_even else 'do not follow'} it. It is no condition of a statement.",
     )  # fmt: skip
 

@@ -21,10 +21,9 @@ from survey.core.errors import ConfigError
 from survey.core.files import replacing
 from survey.core.replacement import replacing_folder
 from survey.core.text import csv_cell
-from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page
-from survey.figures.sheets import pdf_bytes
+from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page, pdf_bytes
 from survey.figures.style import MUTED, styled
-from survey.reporting.rendering import Picture, picture_of, rendered
+from survey.reporting.rendering import Picture, picture_of, render
 
 
 class Statement(NamedTuple):
@@ -156,7 +155,7 @@ def _page(document: Document, pictures: dict[str, Picture], *, is_alone: bool) -
         if is_alone
         else {**{name: f"figures/{name}.png" for name in pictures}, **{n: f"tables/{n}.csv" for n in tables}}
     )
-    return rendered("document.html.j2", document=document, pictures=pictures, links=links)
+    return render("document.html.j2", document=document, pictures=pictures, links=links)
 
 
 def _write_folder(folder: Path, document: Document) -> Path:

@@ -13,16 +13,25 @@ import numpy as np
 from survey import figures
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files import write_bytes
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.calibration import held_out_plot
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot
 from survey.figures.paths import deviation_from_route, error_over_distance
-from survey.reporting import summary as words
 from survey.reporting.quantities import named_values, setting
-from survey.reporting.rendering import Picture, animation_of, picture_of, rendered
-from survey.reporting.summary import fleet_rows, payload_rows, score_rows
+from survey.reporting.rendering import Picture, animation_of, picture_of, render
+from survey.reporting.summary import (
+    calibration_sentence,
+    classes_by_standard,
+    conditions,
+    fleet_rows,
+    key_numbers,
+    payload_rows,
+    score_rows,
+    verdict_label,
+    verdict_sentence,
+)
 from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
@@ -53,8 +62,8 @@ def write_report(
     place = Path(folder)
     if not place.parent.is_dir():
         raise InputError(f"the report folder {place} has no parent folder; create {place.parent} first.")
-    pictures = pictures_of(survey)
-    page = rendered(
+    pictures = draw_pictures(survey)
+    page = render(
         "report.html.j2",
         title=title,
         pictures=pictures,
@@ -76,13 +85,13 @@ def _template_values(survey: SurveyResults) -> dict[str, object]:
     datum = reconstruction.mean.vertical_datum or "an unstated datum"
     return {
         "is_met": score.verdicts[0].met,
-        "verdict_label": words.verdict_label(score.verdicts[0]),
-        "verdict_sentence": words.verdict_sentence(score.verdicts),
-        "conditions": words.conditions(score),
-        "classes": words.classes_by_standard(score),
+        "verdict_label": verdict_label(score.verdicts[0]),
+        "verdict_sentence": verdict_sentence(score.verdicts),
+        "conditions": conditions(score),
+        "classes": classes_by_standard(score),
         "classes_as_rows": _class_rows(score),
-        "key_numbers": words.key_numbers(score, route),
-        "calibration_sentence": words.calibration_sentence(score.calibration),
+        "key_numbers": key_numbers(score, route),
+        "calibration_sentence": calibration_sentence(score.calibration),
         "own_claim": [sentence[0].upper() + sentence[1:] for sentence in own_claim(reconstruction)],
         "scores": score_rows(score),
         "prediction": named_values(route.prediction),
@@ -99,7 +108,7 @@ def _class_rows(score: Score) -> dict[str, list[list[str]]]:
             ["class", "contour interval", "limit of the RMSE", "verdict"],
             *([v.map_class, interval, limit, "met" if v.met else "not met"] for v, interval, limit in rows),
         ]
-        for standard, rows in words.classes_by_standard(score).items()
+        for standard, rows in classes_by_standard(score).items()
     }
 
 
@@ -113,17 +122,15 @@ def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:
             f"the report folder {folder} could not be made ({error.strerror or error}); choose another place."
         ) from error
     for name, picture in pictures.items():
-        with replacing(folder / "figures" / f"{name}.{picture.kind}") as draft:
-            draft.write_bytes(picture.image)
-    with replacing(folder / "index.html") as draft:
-        draft.write_bytes(page.encode("utf-8"))
+        write_bytes(folder / "figures" / f"{name}.{picture.kind}", picture.image)
+    write_bytes(folder / "index.html", page.encode("utf-8"))
     return folder / "index.html"
 
 
 _OF_EACH_ROVER = ("path", "path_error")
 
 
-def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
+def draw_pictures(survey: SurveyResults) -> dict[str, Picture]:
     """Draw the pictures of a survey, by their names."""
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if survey.reconstruction.check is not None:
@@ -287,7 +294,7 @@ def _path_pictures(
             "Error of the position against the distance driven, with the estimated standard deviation.",
         ),
         "trajectory": picture_of(
-            figures.trajectory_error(trajectory, reference),
+            figures.error_over_time(trajectory, reference),
             "Error of the estimated position over time with its claimed band",
             "Error of the estimated position: east, north and up. The band is ± 2 estimated σ.",
         ),

@@ -19,7 +19,7 @@ from matplotlib.colors import Colormap, to_hex, to_rgb
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.files import replacing
+from survey.core.files import write_bytes
 from survey.figures.maps import SUPPORT
 from survey.figures.style import DEVIATION, ELEVATION, INK, NO_GO, ROVERS
 
@@ -124,8 +124,7 @@ def _write(path: Path, content: bytes) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(zipfile.ZipInfo(f"{path.stem}.qgs", _FIRST_DAY), content)
-    with replacing(path) as draft:
-        draft.write_bytes(buffer.getvalue())
+    write_bytes(path, buffer.getvalue())
 
 
 def _all(groups: Sequence[QgisGroup]) -> Iterator[QgisLayer]:

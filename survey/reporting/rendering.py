@@ -1,6 +1,6 @@
 """Rendering of HTML pages: templates, tables for download, and pictures.
 
-`rendered` fills a template of ``survey/reporting/templates``; `csv_source` embeds a table as a data URI. A
+`render` fills a template of ``survey/reporting/templates``; `csv_source` embeds a table as a data URI. A
 `Picture` is a figure as PNG for download and as WebP for the page, with a narrow version for phones where it
 takes the width of a page.
 """
@@ -22,7 +22,7 @@ from survey.figures.style import page_image
 _SPACES = str.maketrans({"\u00a0": " ", "\u202f": "", "\u2009": "", "\u2212": "-"})
 
 
-def rendered(template: str, **content: object) -> str:
+def render(template: str, **content: object) -> str:
     """Return a page from its template; text is escaped, and a name that is missing is an error."""
     environment = Environment(
         loader=PackageLoader("survey.reporting", "templates"),

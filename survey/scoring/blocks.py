@@ -22,10 +22,10 @@ from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.io.raster import opened_raster, read_window, stated_datum
+from survey.io.raster import open_raster, read_window, stated_datum
 from survey.io.raster.values import Extremes
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
-from survey.scoring.coverage import Coverage, NodeCounts, counted, nodes_beyond
+from survey.scoring.coverage import Coverage, NodeCounts, count_nodes, nodes_beyond
 from survey.scoring.scores import Score
 
 BLOCK_CELLS = 1024
@@ -44,8 +44,8 @@ def score_files(
     errors, calibration = ErrorSketch(), CalibrationSketch()
     nodes = NodeCounts(0, 0, 0)
     with (
-        opened_raster(existing_file(map_file, "the raster")) as map_,
-        opened_raster(existing_file(reference_file, "the raster")) as reference,
+        open_raster(existing_file(map_file, "the raster")) as map_,
+        open_raster(existing_file(reference_file, "the raster")) as reference,
     ):
         mapped, known = _Layer.of(map_, map_file, crs), _Layer.of(reference, reference_file, crs)
         same_crs(mapped.crs, known.crs, "the map and the reference")
@@ -60,7 +60,7 @@ def score_files(
             truth = known.at(xy)
             inside = np.ones(heights.shape, dtype=bool) if area is None else _inside(area, xy)
             both = inside & np.isfinite(heights) & np.isfinite(truth)
-            left_out = counted(heights, truth, inside, has_area=area is not None)
+            left_out = count_nodes(heights, truth, inside, has_area=area is not None)
             nodes = NodeCounts(*(a + b for a, b in zip(nodes, left_out, strict=True)))
             difference = (heights - truth)[both]
             errors.add(difference)

@@ -2,8 +2,8 @@
 
 `Coverage` measures a route over an area: science-centric coverage (Eq. 11 of the glacier paper,
 `science_coverage`), the share of cells visited, robot-centric coverage, centeredness α (Eqs. 12 and 13) and
-distributedness β (Eqs. 14 to 16). `covered_share` is the share of an area's free ground on which a map gives a
-height; `counted` counts the nodes that a score leaves out, by reason.
+distributedness β (Eqs. 14 to 16). `mapped_share` is the share of an area's free ground on which a map gives a
+height; `count_nodes` counts the nodes that a score leaves out, by reason.
 """
 
 from collections.abc import Sequence
@@ -286,7 +286,9 @@ class NodeCounts(NamedTuple):
     silent: int
 
 
-def counted(heights: FloatArray, reference: FloatArray, inside: BoolArray, *, has_area: bool) -> NodeCounts:
+def count_nodes(
+    heights: FloatArray, reference: FloatArray, inside: BoolArray, *, has_area: bool
+) -> NodeCounts:
     """Count the nodes (N,) that are left out, by reason.
 
     Where no area was named, nodes at which neither map nor reference has a height count as outside.
@@ -306,13 +308,13 @@ def nodes_beyond(bounds: Bounds, step_m: float, area: SurveyArea) -> int:
     return round(beyond_m2 / step_m**2)
 
 
-def covered_share(dem: Dem, area: SurveyArea) -> float:
+def mapped_share(dem: Dem, area: SurveyArea) -> float:
     """Return the share of an area's free ground on which a map gives a height.
 
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.5, 0.5, 9.5, 9.5), 1.0, "EPSG:32608")
     >>> area = SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608")
-    >>> covered_share(Dem.on(grid, np.zeros(grid.shape)), area)
+    >>> mapped_share(Dem.on(grid, np.zeros(grid.shape)), area)
     0.5
     """
     inside = area.contains(dem.xy)

@@ -24,7 +24,7 @@ from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics
-from survey.scoring.coverage import Coverage, NodeCounts, counted, nodes_beyond
+from survey.scoring.coverage import Coverage, NodeCounts, count_nodes, nodes_beyond
 from survey.scoring.standards.map_classes import Verdict, judge
 
 
@@ -210,7 +210,7 @@ def score(
     mean, std = mean_and_std(reconstruction)
     check_systems(mean, truth, area)
     ground = area or SurveyArea.rectangle(mean.grid().bounds, mean.crs)
-    compared = compare(mean, std, truth, area)
+    compared = compare_nodes(mean, std, truth, area)
     return Score.judged(
         Coverage() if route is None else Coverage.of(route, ground, sample_step_m),
         ErrorStatistics.of(compared.errors),
@@ -254,7 +254,7 @@ def mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray]
     return reconstruction.mean, reconstruction.std.elevation
 
 
-def compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> NodeComparison:
+def compare_nodes(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> NodeComparison:
     """Return the errors of the map at the nodes where area, reference and map have a value."""
     nodes = mean.xy
     heights, reference = mean.elevation.ravel(), np.full(len(nodes), np.nan)
@@ -267,7 +267,7 @@ def compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> 
             f"there is nothing to score: of {len(nodes)} nodes of the map {int(inside.sum())} lie in the area, "
             f"{n_known} of those on the reference and {int(scored.sum())} have a height in both; check that the three overlap."
         )
-    counts = counted(heights, reference, inside, has_area=area is not None)
+    counts = count_nodes(heights, reference, inside, has_area=area is not None)
     beyond = 0 if area is None else nodes_beyond(mean.bounds, mean.step_m, area)
     return NodeComparison(
         (heights - reference)[scored],

@@ -8,7 +8,7 @@ from pyproj import CRS
 
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.io.raster import Raster, reprojected
+from survey.io.raster import Raster, reproject
 
 _FILE = "jacksboro_fault_dem.npz"
 _GEOGRAPHIC = CRS("EPSG:4326")
@@ -45,7 +45,7 @@ def real_sample(cell_m: float = 75.0) -> Dem:
     >>> dem.crs.name, dem.vertical_datum
     ('WGS 84 / UTM zone 16N', 'EGM96 height')
     """
-    warped = reprojected(_read(), _UTM, cell_m)
+    warped = reproject(_read(), _UTM, cell_m)
     return Dem(warped.values, warped.transform, _UTM, warped.vertical_datum)
 
 

@@ -22,7 +22,7 @@ from survey.core.errors import InputError
 from survey.data.camera import Camera
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial, Wheels
-from survey.interchange.bags import opened_bag
+from survey.interchange.bags import open_bag
 from vision_slam.readers.calibrations import FORWARD
 from vision_slam.readers.images import bits_used, decoded, eight_bits, scaling_note
 from vision_slam.readers.sequence import GpsLog, ImageSequence
@@ -191,7 +191,7 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     place = Path(path)
     has_folder = place.suffix in {".mcap", ".db3"} and (place.parent / "metadata.yaml").is_file()
     place = place.parent if has_folder else place
-    with opened_bag(place, _split_files(place)) as reader:
+    with open_bag(place, _split_files(place)) as reader:
         taken = _chosen_topics(reader.connections, topics, place)
         if "images" not in taken:
             raise InputError(
@@ -375,7 +375,7 @@ class _BagImages:
         return self._last
 
     def _read(self) -> Iterator[Image]:
-        with opened_bag(self._place, _split_files(self._place)) as reader:
+        with open_bag(self._place, _split_files(self._place)) as reader:
             chosen = [
                 one
                 for one in reader.connections

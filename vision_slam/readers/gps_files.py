@@ -23,10 +23,10 @@ from survey.io.column_names import (
     ColumnNames,
     axis_of,
     metres_factor,
-    normalized,
+    normalize,
     one_column,
-    parsed_columns,
-    renamed_header,
+    parse_columns,
+    rename_header,
 )
 from survey.io.tables import read_table
 from survey.io.text_tables import Axis, TextTable, read_text_table, refuse_clock_numbers, refuse_hemispheres
@@ -175,8 +175,8 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     deviation as that of the distance; a note says which columns were read.
     """
     table = read_text_table(file, "the table of fixes")
-    given = parsed_columns(columns, KEYS)
-    table = table._replace(header=renamed_header(table.header, given, table.where))
+    given = parse_columns(columns, KEYS)
+    table = table._replace(header=rename_header(table.header, given, table.where))
     names = _column_names(table)
     date = _date_column(table, names["time"])
     time_s, unit = _column_of_times(table, names["time"], date)
@@ -207,7 +207,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
 
 def _gps_time_notes(name: str) -> tuple[str, ...]:
     """Return a note where the name of the column of times means GPS time, which is not UTC."""
-    if not normalized(name).startswith("gps"):
+    if not normalize(name).startswith("gps"):
         return ()
     return (
         f"the times of the column {name} are taken for UTC; GPS time is 18 s ahead of it, convert it where the column holds that",
@@ -259,7 +259,7 @@ def _column_of_sigma_m(table: TextTable, names: dict[str, str], given: dict[str,
         raise InputError(
             f"{table.where} holds an error that is not above 0 in the column {name}; correct it."
         )
-    is_radius = any(part in normalized(given.get(name, name)) for part in _RADII)
+    is_radius = any(part in normalize(given.get(name, name)) for part in _RADII)
     return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
 
 

@@ -6,9 +6,9 @@ Errors of the estimated path over time, with its claimed standard deviation.
 """
 
 from firnline import localize, sample_survey, simulate
-from survey.figures import trajectory_error
+from survey.figures import error_over_time
 
 survey = sample_survey(swaths=3)
 recording, truth = simulate(survey.terrain, survey.route, seed=2)
 found = localize(recording)
-trajectory_error(found.trajectory, truth.trajectory)
+error_over_time(found.trajectory, truth.trajectory)

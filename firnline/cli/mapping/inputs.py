@@ -11,7 +11,7 @@ from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
 from survey.data.ice_motion import ICE_MOTION
 from survey.interchange.scans import holds_sensor_scans
-from survey.io.column_names import parsed_columns
+from survey.io.column_names import parse_columns
 from survey.io.point_files import TABLES
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
@@ -85,7 +85,7 @@ def map_request(options: ReconstructOptions) -> MapRequest:
         raise InputError(
             "--product names the class of a prior; add --prior with its file, or leave --product out."
         )
-    parsed_columns(options.columns)
+    parse_columns(options.columns)
     _refuse_unused(request)
     if options.epoch_s is not None and request.motion_file is None:
         raise InputError(

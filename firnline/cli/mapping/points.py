@@ -15,7 +15,7 @@ from survey.core.errors import InputError
 from survey.data.ice_motion import IceMotion, read_motion
 from survey.data.sensors.odometry import DriveTies
 from survey.interchange.scans import read_sensor_scans
-from survey.io.column_names import parsed_columns
+from survey.io.column_names import parse_columns
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.mapping import within
 from survey.reconstruction.method import MappedTerrain
@@ -80,7 +80,7 @@ def _sound_points(request: MapRequest, file: Path, blunders: dict[str, Blunders]
     """Read points without gross blunders of their heights, which are collected by file; refuse feet and far places."""
     options = request.options
     points = survey.SurfacePoints.read(
-        file, crs=options.crs, sigma_m=options.sigma_m, columns=parsed_columns(options.columns)
+        file, crs=options.crs, sigma_m=options.sigma_m, columns=parse_columns(options.columns)
     )
     try:
         if options.area is None:

@@ -79,7 +79,8 @@ def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawi
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     from survey.core.replacement import replacing_files
-    from survey.figures.sheets import pdf_bytes, plan_sheets
+    from survey.figures.page_layout import pdf_bytes
+    from survey.figures.sheets import plan_sheets
 
     std = drawing.std(route, drawing.fine_cell_m)
     content = _content(request, route, drawing, std)

@@ -49,7 +49,7 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
 
 def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
     """Read the checkpoints, and refuse those that the map was made from."""
-    from survey.io.column_names import parsed_columns
+    from survey.io.column_names import parse_columns
     from survey.scoring import Checkpoints
     from survey.scoring.standards.checkpoints import control_places
 
@@ -59,7 +59,7 @@ def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
         crs=dem.crs,
         sigma_m=request.sigma_m,
         vertical_datum=request.datum,
-        columns=parsed_columns(request.columns),
+        columns=parse_columns(request.columns),
     )
     if request.control is not None:
         points.refuse_control(control_places(request.control, dem.crs))

@@ -76,12 +76,12 @@ def _classes(
     request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem", area: "SurveyArea | None"
 ) -> Classes:
     """Return the statistics by class, at the nodes that are scored."""
-    from survey.scoring.scores import compare, mean_and_std
+    from survey.scoring.scores import compare_nodes, mean_and_std
 
     if not request.by:
         return {}
     mean, std = mean_and_std(map_)
-    compared = compare(mean, std, truth, area)
+    compared = compare_nodes(mean, std, truth, area)
     return scores_by_class(request, compared.errors, compared.std, mean.xy[compared.scored], truth)
 
 

@@ -110,7 +110,7 @@ class ScoreRequest(RunOptions):
         """Refuse what cannot be done, before anything is read."""
         from survey.core.errors import InputError
         from survey.data.ice_motion import ICE_MOTION
-        from survey.io.column_names import parsed_columns
+        from survey.io.column_names import parse_columns
         from survey.scoring.standards.standards import standard_named
 
         if self.truth is None and self.checkpoints is None:
@@ -123,7 +123,7 @@ class ScoreRequest(RunOptions):
                 f"--epoch moves a map with the ice, and {self.source} holds no {ICE_MOTION}; name the folder of a map on moving ice, "
                 "or leave --epoch out."
             )
-        parsed_columns(self.columns)
+        parse_columns(self.columns)
         for name in self.standards:
             standard_named(name)
         if self.report is not None:

@@ -17,13 +17,13 @@ class Surveys(NamedTuple):
 
 def surveys_of(later: Path, earlier: Path, crs: str | None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
-    from survey.scoring.change.files import averaged_step_m, averaged_survey
+    from survey.scoring.change.files import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:
         return Surveys(_survey(later, crs), _survey(earlier, crs))
     note = f"the surveys were averaged over squares of about {step_m:.3g} m before the comparison."
-    return Surveys(averaged_survey(later, step_m, crs), averaged_survey(earlier, step_m, crs), (note,))
+    return Surveys(average_survey(later, step_m, crs), average_survey(earlier, step_m, crs), (note,))
 
 
 def _is_raster(source: Path) -> bool:

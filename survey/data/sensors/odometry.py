@@ -12,7 +12,7 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray, checked, frozen
 from survey.core.errors import InputError
-from survey.data.sensors.records import UPPER, SensorRecords, joined_columns
+from survey.data.sensors.records import UPPER, SensorRecords, join_columns
 from survey.data.sensors.stakes import StakeSightings, refuse_backward_times
 from survey.io.tables import read_table, write_table
 
@@ -142,7 +142,7 @@ class Sightings(DataObject):
         """Read the CSV table of `write`."""
         table = read_table(path, _SIGHTINGS, what="the table of sightings")
         body = np.column_stack([table[name] for name in _SIGHTINGS])
-        return cls(body[:, 0].astype(np.int64), body[:, 1:4], joined_columns(list(body[:, 5:].T)), body[:, 4])
+        return cls(body[:, 0].astype(np.int64), body[:, 1:4], join_columns(list(body[:, 5:].T)), body[:, 4])
 
 
 _SIGHTINGS = (

@@ -116,11 +116,11 @@ class SensorRecords(DataObject):
         table = read_table(path, [column for group in names.values() for column in group], what="the table")
         names |= {field.name: (field.name,) for field in fields(cls) if field.name in table}
         return cls(
-            **{field: joined_columns([table[column] for column in group]) for field, group in names.items()}
+            **{field: join_columns([table[column] for column in group]) for field, group in names.items()}
         )
 
 
-def joined_columns(columns: list[FloatArray]) -> FloatArray:
+def join_columns(columns: list[FloatArray]) -> FloatArray:
     """Put the columns of one field back together: a scalar, a vector or a symmetric matrix a row."""
     if len(columns) == 1:
         return columns[0]

@@ -14,9 +14,9 @@ from survey.core.arrays import DataObject, FloatArray, IntArray, checked
 from survey.core.errors import InputError
 from survey.core.text import printable
 from survey.data.sensors.records import SensorRecords
-from survey.io.column_names import ColumnNames, metres_factor, one_column, refuse_feet, say_columns
+from survey.io.column_names import ColumnNames, log_columns, metres_factor, one_column, refuse_feet
 from survey.io.point_table import place_columns
-from survey.io.tables import read_table, write_table
+from survey.io.tables import is_number, read_table, write_table
 from survey.io.text_tables import TextTable, read_text_table, refuse_clock_numbers
 
 
@@ -197,7 +197,7 @@ def _names(table: TextTable) -> dict[str, str]:
     found |= dict(zip("xyz", places.names, strict=True))
     found["sigma"] = "sigma" if "sigma" in header else one_column("sigma_z", header, where)
     names = {kind: name for kind, name in found.items() if name is not None}
-    say_columns(where, ColumnNames(names, tuple(name for name in header if name not in names.values())))
+    log_columns(where, ColumnNames(names, tuple(name for name in header if name not in names.values())))
     return names
 
 
@@ -218,13 +218,13 @@ def _times(table: TextTable, name: str) -> FloatArray:
     times = np.array(
         [_seconds(cell, f"{table.where}, line {line}") for cell, line in zip(cells, table.lines, strict=True)]
     )
-    is_number = np.array([_is_number(cell) for cell in cells])
-    if not is_number.any():
+    has_number = np.array([is_number(cell) for cell in cells])
+    if not has_number.any():
         return times
-    if not is_number.all():
-        line = table.lines[int(np.flatnonzero(is_number != is_number[0])[0])]
+    if not has_number.all():
+        line = table.lines[int(np.flatnonzero(has_number != has_number[0])[0])]
         raise InputError(
-            f"{table.where}, line {line}: the times begin as {'numbers' if is_number[0] else 'dates'} and go on otherwise; "
+            f"{table.where}, line {line}: the times begin as {'numbers' if has_number[0] else 'dates'} and go on otherwise; "
             "write all as dates."
         )
     refuse_clock_numbers(times, where.rstrip(","))
@@ -233,14 +233,6 @@ def _times(table: TextTable, name: str) -> FloatArray:
             f"{where} counts years ({times[0]:g}); write dates such as 2026-07-01T09:30:00Z, or seconds from 0."
         )
     return times
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _seconds(text: str, where: str) -> float:

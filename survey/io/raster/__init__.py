@@ -7,14 +7,14 @@ from survey.io.raster.reading import (
     RasterFacts,
     band_count,
     band_names,
-    opened_raster,
+    open_raster,
     raster_facts,
     raster_header,
     read_raster,
     read_window,
     stated_datum,
 )
-from survey.io.raster.writing import reprojected, write_raster
+from survey.io.raster.writing import reproject, write_raster
 
 __all__ = [
     "LARGEST_CELLS",
@@ -23,12 +23,12 @@ __all__ = [
     "RasterFacts",
     "band_count",
     "band_names",
-    "opened_raster",
+    "open_raster",
     "raster_facts",
     "raster_header",
     "read_raster",
     "read_window",
-    "reprojected",
+    "reproject",
     "stated_datum",
     "write_raster",
 ]

@@ -20,13 +20,13 @@ from survey.core.crs import UNSTATED, vertical_datum_of
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, replacing, unwritable, warnings_logged
 from survey.io.dataset_files import stale_files
-from survey.io.raster.opening import check_transform, crs_tag, gdal_faults
+from survey.io.raster.opening import check_transform, crs_tag, rasterio_errors
 from survey.io.raster.reading import (
     NODATA,
     VERTICAL_TAG,
     Raster,
     band_names,
-    opened_raster,
+    open_raster,
     read_window,
     stated_datum,
 )
@@ -40,7 +40,7 @@ def read_averaged(path: str | Path, cells: int, bands: Sequence[int] = (1,)) -> 
 
     Returns: one for each band; NaN where less than half of a square is known.
     """
-    with opened_raster(existing_file(path, "the raster")) as source:
+    with open_raster(existing_file(path, "the raster")) as source:
         check_transform(source.transform)
         wkt = source.crs.to_wkt() if source.crs else None
         datum = stated_datum(source) or (vertical_datum_of(wkt) if wkt else UNSTATED)
@@ -116,7 +116,7 @@ def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
         try:
             _write_tiled(existing_file(source, "the raster"), Path(folder) / "cells.tif", names, crs)
             _copy(Path(folder) / "cells.tif", draft, options)
-        except gdal_faults() as error:
+        except rasterio_errors() as error:
             raise unwritable(target, error) from error
 
 
@@ -124,7 +124,7 @@ def _write_tiled(source: Path, draft: Path, names: list[str], crs: CRS) -> None:
     """Write the bands as float32 with nodata to a GeoTIFF in tiles, without compression."""
     import rasterio
 
-    with opened_raster(source) as raster, warnings_logged():
+    with open_raster(source) as raster, warnings_logged():
         check_transform(raster.transform)
         datum = stated_datum(raster)
         profile = {

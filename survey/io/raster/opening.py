@@ -1,14 +1,12 @@
 """Opening of rasters by the driver of their suffix, and detection of damage that GDAL does not report.
 
 A raster is opened after the check of its content; georeference, axes, blocks and band are checked before its cells are
-read. Three checks go beyond GDAL: a tag with the CRS, because a single flipped bit of the GeoTIFF key names another zone;
-the Adler-32 checksums of deflate-compressed TIFF blocks; and a trial reading of NetCDF in another process with a time
-limit, because the library does not return over rare damage.
+read. Two checks go beyond GDAL: a tag with the CRS, because a single flipped bit of the GeoTIFF key names another zone;
+and the Adler-32 checksums of deflate-compressed TIFF blocks. NetCDF is first read in another process
+(`survey.io.raster.netcdf_trial`).
 """
 
 import math
-import subprocess
-import sys
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -26,6 +24,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files import DamagedError, first_line, warnings_logged
 from survey.io.dataset_files import VrtPart, raster_parts
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
+from survey.io.raster.netcdf_trial import refuse_unreadable
 from survey.io.raster.values import band_scale, refuse_depths, refuse_picture
 
 LARGEST_CELLS = 40_000_000
@@ -36,7 +35,7 @@ _CACHE_BYTES = 64 * 2**20
 
 
 @contextmanager
-def opened_dataset(file: Path, band: int) -> Iterator[Any]:
+def open_dataset(file: Path, band: int) -> Iterator[Any]:
     """Open a raster by the driver of its suffix, after its content has been checked."""
     import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
 
@@ -48,7 +47,7 @@ def opened_dataset(file: Path, band: int) -> Iterator[Any]:
 
 
 @contextmanager
-def opened_list_of_bands(file: Path) -> Iterator[Any]:
+def open_list_of_bands(file: Path) -> Iterator[Any]:
     """Open a raster for its bands alone: a NetCDF file with several variables lists them as data sets."""
     import rasterio
 
@@ -70,8 +69,8 @@ def _checked(file: Path) -> Iterator[None]:
     try:
         with warnings_logged():
             yield
-    except gdal_faults() as error:
-        raise damaged(file, error) from error
+    except rasterio_errors() as error:
+        raise damaged_raster(file, error) from error
 
 
 def _dataset(file: Path, band: int) -> Any:
@@ -92,7 +91,7 @@ def _dataset(file: Path, band: int) -> Any:
     return rasterio.open(parts[band - 1], driver=driver, **options)
 
 
-def checked_band(source: Any, file: Path, band: int) -> int:
+def check_band(source: Any, file: Path, band: int) -> int:
     """Return the number of the band within what was opened, or refuse."""
     number = 1 if source.driver == "netCDF" and source.count == 1 else band
     if not 1 <= number <= source.count:
@@ -134,7 +133,7 @@ def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
         )
 
 
-def damaged(file: Path, error: Exception) -> InputError:
+def damaged_raster(file: Path, error: Exception) -> InputError:
     """Return the refusal of a raster that GDAL cannot read."""
     if isinstance(error, MemoryError):
         return CapacityError(
@@ -145,7 +144,7 @@ def damaged(file: Path, error: Exception) -> InputError:
     )
 
 
-def gdal_faults() -> tuple[type[Exception], ...]:
+def rasterio_errors() -> tuple[type[Exception], ...]:
     """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
@@ -285,86 +284,3 @@ def _is_sound(packed: bytes) -> bool:
     except zlib.error:
         return False
     return unpacker.eof
-
-
-_PATIENCE_S = 10.0
-_SLOWEST_BYTES_PER_S = 5e6
-_OUTSIDE, _WITHOUT_H5PY = 31, 32
-_READ_THROUGH = f"""
-import sys
-import rasterio
-
-def leads_outside(name):
-    with open(name, "rb") as file:
-        if file.read(4) != b"\\x89HDF":
-            return False
-    try:
-        import h5py
-    except ImportError:
-        sys.exit({_WITHOUT_H5PY})
-    with h5py.File(name, "r") as file:
-        return group_leads_outside(h5py, file, set())
-
-def group_leads_outside(h5py, group, seen):
-    for key in group:
-        if isinstance(group.get(key, getlink=True), h5py.ExternalLink):
-            return True
-        item = group.get(key)
-        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-            return True
-        if isinstance(item, h5py.Group) and item.id not in seen:
-            seen.add(item.id)
-            if group_leads_outside(h5py, item, seen):
-                return True
-    return False
-
-def read(name, largest):
-    with rasterio.open(name, driver="netCDF") as source:
-        source.tags()
-        parts = source.subdatasets
-        for band in range(1, source.count + 1):
-            if source.width * source.height <= largest:
-                for _, window in source.block_windows(band):
-                    source.read(band, window=window)
-    for part in parts:
-        read(part, largest)
-
-if leads_outside(sys.argv[1]):
-    sys.exit({_OUTSIDE})
-read(sys.argv[1], int(sys.argv[2]))
-"""
-
-
-def refuse_unreadable(file: Path, largest_cells: int) -> None:
-    """Let another process read a NetCDF file first, with a time limit; what it merely refuses is judged by the caller.
-
-    It costs some 0.5 s: a process that hangs in a library cannot be interrupted from within.
-    Variables of more than `largest_cells` cells are not read through.
-    """
-    patience_s = _PATIENCE_S + file.stat().st_size / _SLOWEST_BYTES_PER_S
-    command = [sys.executable, "-c", _READ_THROUGH, str(file.absolute()), str(largest_cells)]
-    try:
-        done = subprocess.run(
-            command,
-            timeout=patience_s,
-            check=False,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-    except subprocess.TimeoutExpired as endless:
-        raise InputError(
-            f"{file} is damaged (reading it did not end within {patience_s:.0f} s); get it again."
-        ) from endless
-    _judge(file, done.returncode)
-
-
-def _judge(file: Path, code: int) -> None:
-    if code < 0:
-        raise InputError(f"{file} is damaged (its library crashes over it); get it again.")
-    if code == _OUTSIDE:
-        raise InputError(f"{file} takes values from other files; write them into it (nccopy does it).")
-    if code == _WITHOUT_H5PY:
-        raise InputError(
-            f"{file} is NetCDF-4, and to check it h5py is needed, which is not installed; install firnline[netcdf]."
-        )

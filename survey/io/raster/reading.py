@@ -23,10 +23,10 @@ from survey.core.transformation import geographic_of
 from survey.io.arrays_file import refuse_altered
 from survey.io.raster.opening import (
     LARGEST_CELLS,
-    checked_band,
-    damaged,
-    opened_dataset,
-    opened_list_of_bands,
+    check_band,
+    damaged_raster,
+    open_dataset,
+    open_list_of_bands,
     refuse_damaged_blocks,
 )
 from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked, valid_range
@@ -64,8 +64,8 @@ def read_raster(
     NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.opening`.
     """
     file = existing_file(path, "the raster")
-    with opened_dataset(file, band) as source:
-        in_source = checked_band(source, file, band)
+    with open_dataset(file, band) as source:
+        in_source = check_band(source, file, band)
         window = window_of(source, file, _own_bounds(source, bounds, bounds_crs))
         crcs = source.tags().get(CRC_TAG, "").split()
         is_summed = len(crcs) >= band and bounds is None
@@ -81,7 +81,7 @@ def read_raster(
     try:
         datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
     except CRSError as error:
-        raise damaged(file, error) from error
+        raise damaged_raster(file, error) from error
     values, transform = _north_up(values, transform)
     return Raster(values, transform, crs, datum, stored_as)
 
@@ -144,13 +144,13 @@ def stated_datum(source: Any) -> str:
 
 def raster_facts(path: str | Path) -> RasterFacts:
     """Return what a raster's header says, without reading its cells."""
-    with opened_raster(existing_file(path, "the raster")) as source:
+    with open_raster(existing_file(path, "the raster")) as source:
         return _facts(source)
 
 
 def raster_header(path: str | Path) -> RasterFacts:
     """Return what a raster's header says; damage of its cells is not looked for."""
-    with opened_dataset(existing_file(path, "the raster"), 1) as source:
+    with open_dataset(existing_file(path, "the raster"), 1) as source:
         return _facts(source)
 
 
@@ -166,7 +166,7 @@ def band_count(path: str | Path) -> int:
 
 def band_names(path: str | Path) -> list[str]:
     """Return the names of the bands of a raster; numbered where it gives none."""
-    with opened_list_of_bands(existing_file(path, "the raster")) as source:
+    with open_list_of_bands(existing_file(path, "the raster")) as source:
         if source.subdatasets:
             return [part.rsplit(":", 1)[1] for part in source.subdatasets]
         described = [d or "" for d in source.descriptions]
@@ -179,10 +179,10 @@ _STRIP_CELLS = 4_000_000
 
 
 @contextmanager
-def opened_raster(file: Path) -> Iterator[Any]:
+def open_raster(file: Path) -> Iterator[Any]:
     """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence."""
-    with opened_dataset(file, 1) as source:
-        checked_band(source, file, 1)
+    with open_dataset(file, 1) as source:
+        check_band(source, file, 1)
         refuse_damaged_blocks(source, file, 1, (0, 0, source.width, source.height))
         yield source
 

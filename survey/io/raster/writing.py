@@ -19,10 +19,10 @@ from pyproj.crs import CompoundCRS
 from survey.core.arrays import FloatArray
 from survey.core.crs import UNSTATED, VERTICAL_CRS, projected_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, replacing, unwritable, warnings_logged
+from survey.core.files import existing_file, replacing, unwritable, warnings_logged, write_bytes
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
-from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, gdal_faults, opened_dataset
+from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, open_dataset, rasterio_errors
 from survey.io.raster.reading import (
     CRC_TAG,
     NODATA,
@@ -121,13 +121,13 @@ def _write_gdal(
                     )
                     if options["driver"] == "COG":
                         target.set_band_description(index, name)
-        except gdal_faults() as error:
+        except rasterio_errors() as error:
             raise unwritable(path, error) from error
         if not draft.is_file() or draft.stat().st_size == 0:
             raise unwritable(path, "nothing arrived on the disk")
 
 
-def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
+def reproject(raster: Raster, crs: CRS, step_m: float) -> Raster:
     """Resample a raster (in degrees, say) to square cells of a projected CRS, bilinearly.
 
     The error of the resampling comes on top of the raster's own: use it for priors.
@@ -262,8 +262,7 @@ def write_categories(
     for category in categories:
         ET.SubElement(names, "Category").text = category
     ET.indent(root)
-    with replacing(file.with_name(f"{file.name}.aux.xml")) as draft:
-        draft.write_bytes(ET.tostring(root, encoding="utf-8") + b"\n")
+    write_bytes(file.with_name(f"{file.name}.aux.xml"), ET.tostring(root, encoding="utf-8") + b"\n")
 
 
 class Codes(NamedTuple):
@@ -278,7 +277,7 @@ class Codes(NamedTuple):
 def read_codes(path: str | Path) -> Codes:
     """Read the codes of a categorical raster, such as land cover, in any CRS."""
     file = existing_file(path, "the raster of classes")
-    with opened_dataset(file, 1) as source:
+    with open_dataset(file, 1) as source:
         if source.width * source.height > LARGEST_CELLS:
             raise CapacityError(
                 f"{file} has {source.width * source.height:,} cells; {LARGEST_CELLS:,} can be read at once, cut it to the area."

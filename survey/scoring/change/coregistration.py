@@ -8,13 +8,13 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.data.dem import Dem
+from survey.scoring.accuracy import NMAD_FACTOR
 
 _N_ROUNDS = 30
 _CONVERGED_CELLS = 1e-4
 _N_LEAST = 50
 # Differences farther than this from the median, in robust deviations, take no part.
 _TRIMMED = 3.0
-_NMAD = 1.4826
 # Least spread of the slopes [m/m]: a horizontal shift of flat ground is unobservable.
 _LEAST_SLOPE_SPREAD = 1e-3
 
@@ -106,4 +106,4 @@ def _step(
 
 def _nmad(values: FloatArray) -> float:
     e = values[np.isfinite(values)]
-    return float(_NMAD * np.median(np.abs(e - np.median(e)))) if len(e) else float("nan")
+    return float(NMAD_FACTOR * np.median(np.abs(e - np.median(e)))) if len(e) else float("nan")

@@ -38,9 +38,9 @@ from survey.scoring.change.volume_change import (
     coverage_notes,
     datum_notes,
     ground_step_m,
+    remove_blunders,
     scale_notes,
     significance,
-    without_blunders,
 )
 
 ElevationSurface = Dem | Reconstruction
@@ -138,7 +138,7 @@ def _change(
     """Estimate the errors on the unchanged ground, and integrate over the outlines."""
     heights = difference.elevation
     known = np.isfinite(heights) & np.isfinite(relative)
-    unchanged = without_blunders(heights / relative, known & ground.stable)
+    unchanged = remove_blunders(heights / relative, known & ground.stable)
     offset = _mean(heights, 1.0 / relative**2, unchanged) if is_levelled else 0.0
     levelled = Dem.on(ground.grid, heights - offset, difference.vertical_datum)
     scaled = np.where(unchanged, levelled.elevation / relative, 0.0)

@@ -20,7 +20,7 @@ from shapely.validation import explain_validity
 from survey.core.crs import agreed_crs, projected_crs
 from survey.core.documents import write_json
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files import write_text
 from survey.core.text import csv_cell
 from survey.core.transformation import transformed
 from survey.data.area import simple_rings
@@ -85,7 +85,7 @@ def averaged_step_m(files: list[Path]) -> float | None:
     return float(max(np.sqrt(sides).max(), *(header.transform.a for header in headers)))
 
 
-def averaged_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
+def average_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
     """Return a survey averaged over squares of about a given side; a second band is its standard deviation.
 
     `step_m`: side of the squares [m]; whole cells are taken, at least one.
@@ -174,8 +174,7 @@ def write_change(
     table = csv.DictWriter(text, TABLE_COLUMNS, lineterminator="\n")
     table.writeheader()
     table.writerows({**row, "name": csv_cell(row["name"])} for row in facts["volumes"])
-    with replacing(place / "change.csv") as draft:
-        draft.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    write_text(place / "change.csv", text.getvalue())
     write_json(place / "change.json", facts)
 
 

@@ -32,6 +32,7 @@ from survey.core.crs import projected_crs, same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.io.vector import read_features, write_features
+from survey.scoring.accuracy import NMAD_FACTOR
 
 SMOOTHED_PX = 1.0
 """Standard deviation of the smoothing of both images [pixels]."""
@@ -170,7 +171,7 @@ def _correlated(a: FloatArray, b: FloatArray) -> FloatArray:
 
 # Matches with a smaller correlation, less distinct ones, or those farther from the median of their neighbours than this many deviations, are outliers.
 _LEAST_CORRELATION, _MOST_AMBIGUOUS, _MOST_DEVIATIONS = 0.5, 0.6, 4.0
-_N_NEIGHBOURS, _NMAD = 9, 1.4826
+_N_NEIGHBOURS = 9
 # Least spread of neighbours [pixels]: that of a strain of a few thousandths.
 _LEAST_SPREAD_PX = 0.1
 
@@ -307,7 +308,7 @@ def _strays(
         return strays
     near = good[np.atleast_2d(cKDTree(xy[good]).query(xy[good], k=_N_NEIGHBOURS)[1])[:, 1:]]
     median = np.median(shift[near], axis=1)
-    spread = _NMAD * np.median(np.abs(shift[near] - median[:, None]), axis=1)
+    spread = NMAD_FACTOR * np.median(np.abs(shift[near] - median[:, None]), axis=1)
     own = np.sqrt(np.diagonal(covariance[good], axis1=1, axis2=2))
     allowed = _MOST_DEVIATIONS * np.sqrt(own**2 + np.maximum(spread, _LEAST_SPREAD_PX * step_m) ** 2)
     strays[good] = (np.abs(shift[good] - median) > allowed).any(axis=1)

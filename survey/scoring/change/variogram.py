@@ -1,7 +1,7 @@
 """Variogram of the errors of an elevation difference, estimated on unchanged ground.
 
 A `Variogram` is a nugget and a sum of spherical, Gaussian and Matérn 3/2 structures. The empirical variogram
-comes from the autocorrelation of the known cells by FFT; `fitted` selects as few structures as explain its
+comes from the autocorrelation of the known cells by FFT; `fit_variogram` selects as few structures as explain its
 bins. `error_of_sum` gives the standard deviation of a weighted sum of correlated errors, with Satterthwaite's
 (1946) degrees of freedom for the 95 % interval by Student's t.
 """
@@ -78,7 +78,7 @@ class Structure(NamedTuple):
         return correlation
 
 
-def fitted(
+def fit_variogram(
     lags: FloatArray, gamma: FloatArray, weight: FloatArray, shortest_m: float
 ) -> tuple[float, tuple[Structure, ...]]:
     """Return the nugget [m²] and the structures that explain an empirical variogram.
@@ -129,7 +129,7 @@ LARGEST_CELLS = 16_000_000
 """Rasters beyond this are thinned or cut before their variogram is taken."""
 _N_LEAST = 100
 _N_BINS = 30
-# Pairs farther apart than this share of the known ground's extent are too few and too alike to learn from.
+# Pairs farther apart than this share of the known ground's extent are too few and too alike to estimate a variogram from.
 _FARTHEST_SHARE = 0.5
 
 
@@ -193,7 +193,7 @@ class Variogram:
                 f"{n} cells of unchanged ground are known; {_N_LEAST} are needed to learn how errors go together."
             )
         lags, gamma, weight = _empirical(difference, known, step_m)
-        return cls(*fitted(lags, gamma, weight, 2.0 * step_m))
+        return cls(*fit_variogram(lags, gamma, weight, 2.0 * step_m))
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class ErrorOfSum:
 
 
 def error_of_sum(
-    weights: FloatArray, variogram: Variogram, learnt_on: BoolArray, step_m: float
+    weights: FloatArray, variogram: Variogram, estimated_on: BoolArray, step_m: float
 ) -> ErrorOfSum:
     r"""Return the error of the weighted sum of a raster's errors, with their correlation.
 
@@ -224,7 +224,7 @@ def error_of_sum(
     The sills of one fit err together, so that their deviations add up, not their variances.
 
     `weights` (H, W): where they add up to 0 (the mean of a glacier less that of the ground around it), what
-    all cells share cancels. `learnt_on` (H, W) bool: the cells that it was learnt on. `step_m`: width of a
+    all cells share cancels. `estimated_on` (H, W) bool: the cells that it was estimated on. `step_m`: width of a
     cell [m].
 
     >>> white, all_cells = Variogram(4.0), np.ones((3, 3), dtype=bool)
@@ -232,10 +232,10 @@ def error_of_sum(
     ErrorOfSum(std=0.667, n_free=9.0)
     """
     lags = _lag_lengths(_padded(weights.shape), step_m)
-    of_weights, of_cells = (_autocorrelation(a) for a in (weights, learnt_on.astype(np.float64)))
+    of_weights, of_cells = (_autocorrelation(a) for a in (weights, estimated_on.astype(np.float64)))
     structures = [(variogram.nugget_m2, np.where(lags > 0.0, 0.0, 1.0))]
     structures += [(one.sill_m2, one.correlation(lags)) for one in variogram.structures]
-    n = float(learnt_on.sum())
+    n = float(estimated_on.sum())
     parts = np.array([max(0.0, sill * float((of_weights * rho).sum())) for sill, rho in structures])
     free = np.array([n**2 / float((of_cells * rho**2).sum()) for _, rho in structures])
     variance = float(parts.sum())

@@ -22,6 +22,7 @@ from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
 from survey.core.text import printable
 from survey.data.dem import Dem
 from survey.data.grid import Grid
+from survey.scoring.accuracy import NMAD_FACTOR
 from survey.scoring.change.coregistration import Shift
 from survey.scoring.change.variogram import Variogram, error_of_sum
 
@@ -205,7 +206,6 @@ def significance(difference: FloatArray, std_m: FloatArray) -> npt.NDArray[np.in
 
 BLUNDER = 5.0
 """Unchanged cells farther from their median than this many robust deviations hold blunders, not errors."""
-_NMAD = 1.4826
 _N_LEAST_STABLE = 100
 
 Outlines = Mapping[str, Polygon | MultiPolygon]
@@ -243,7 +243,7 @@ class ComparedGround(NamedTuple):
         return calm
 
 
-def without_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
+def remove_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
     """Return the unchanged cells (H, W) without blunders."""
     if stable.sum() < _N_LEAST_STABLE:
         raise InputError(
@@ -251,7 +251,7 @@ def without_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
             "survey some ground around the outline, or compare two terrain models (.npz)."
         )
     e = difference[stable]
-    spread = max(float(_NMAD * np.median(np.abs(e - np.median(e)))), 1e-9)
+    spread = max(float(NMAD_FACTOR * np.median(np.abs(e - np.median(e)))), 1e-9)
     calm: BoolArray = stable & (np.abs(np.where(stable, difference, 0.0) - np.median(e)) <= BLUNDER * spread)
     return calm
 

@@ -1,4 +1,4 @@
 """Map accuracy standards (ASPRS, NSSDA): editions, formulas, checkpoints and assessments.
 
-Errors without a standard live one folder up.
+Errors without a standard stand in `survey.scoring`.
 """

@@ -1,6 +1,6 @@
 """Assessment of a map at checkpoints under named accuracy standards.
 
-An `Assessment` is a finding under one standard. `assessed` yields those of the vertical accuracy by the
+An `Assessment` is a finding under one standard. `assess` yields those of the vertical accuracy by the
 formulas of each edition; `horizontal_findings` those of the horizontal and three-dimensional accuracy, where
 checkpoints were found in the map as well. `score_at` computes error statistics and all findings. Where a
 condition of a standard is not met there is no verdict.
@@ -30,12 +30,12 @@ from survey.scoring.standards.checkpoint_errors import (
     missing_number,
 )
 from survey.scoring.standards.standards import (
-    CONTOURS,
+    DIVISORS,
     EDITION_2,
     FOOT_M,
+    INTERVALS_FT,
     NSSDA,
     SMALLEST_RATIO,
-    SPOT_HEIGHTS,
     Standard,
     accuracy_r,
     accuracy_z,
@@ -51,8 +51,7 @@ Outcome = Literal["met", "not met", "reported", "not assessed to the standard"]
 Kind = Literal["vertical", "horizontal", "3d"]
 NOT_ASSESSED: Outcome = "not assessed to the standard"
 _SHARE_BEYOND = 0.10
-_DIVISORS = {SPOT_HEIGHTS: 6.0, CONTOURS: 3.0}
-_INTERVALS_M = (FOOT_M, 2 * FOOT_M, 3 * FOOT_M)
+_INTERVALS_M = tuple(feet * FOOT_M for feet in INTERVALS_FT)
 # The check survey of 1990 may err by a twentieth of the contour interval.
 _CHECK_SURVEY_1990 = 20.0
 
@@ -103,10 +102,10 @@ class Assessment:
         return facts + ("; missing: " + "; ".join(self.missing) if self.missing else "") + "."
 
 
-def assessed(
+def assess(
     standard: Standard, errors: CheckpointErrors, class_m: float | None, interval_m: float | None
 ) -> Iterator[Assessment]:
-    """Take the standard's way of judging."""
+    """Yield the findings under one standard."""
     intervals = _INTERVALS_M if interval_m is None else (interval_m,)
     if standard.measure == "rmse":
         for interval in intervals:
@@ -122,7 +121,7 @@ def assessed(
 
 
 def _asprs_1990(standard: Standard, errors: CheckpointErrors, interval_m: float, k: int) -> Assessment:
-    rmse, limit = rmse_of(errors), k * interval_m / _DIVISORS[standard.name]
+    rmse, limit = rmse_of(errors), k * interval_m / DIVISORS[standard.name]
     missing = missing_in_general(standard, errors)
     if errors.checkpoint_rmse_m > interval_m / _CHECK_SURVEY_1990:
         missing.append(
@@ -314,7 +313,7 @@ def score_at(
             raise InputError(f"the {what} is {value} m; a number above 0 was expected.")
     findings: list[Assessment] = []
     for standard in map(standard_named, standards):
-        findings += assessed(standard, errors, class_m, interval_m)
+        findings += assess(standard, errors, class_m, interval_m)
         findings += horizontal_findings(standard, errors, horizontal_class_m, class_m)
     return CheckpointScore(
         ErrorStatistics.of(errors.errors_m),
@@ -417,7 +416,7 @@ def _missing(standard: Standard, placed: CheckpointErrors, class_m: float | None
 
 
 def _cautions(standard: Standard, placed: CheckpointErrors, class_m: float | None) -> list[str]:
-    """Return what is to be investigated: a mean shift, and blunders."""
+    """Return errors to investigate: a mean shift, and blunders."""
     if class_m is None or placed.shift_m is None:
         return []
     found = []

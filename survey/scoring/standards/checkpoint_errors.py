@@ -20,7 +20,7 @@ from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.scoring.coverage import covered_share
+from survey.scoring.coverage import mapped_share
 from survey.scoring.standards.checkpoints import Checkpoints
 from survey.scoring.standards.standards import (
     ASPRS_2014,
@@ -190,7 +190,7 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         tuple(checkpoints.names[k] for k in np.flatnonzero(silent)),
         int((~inside).sum()),
         dem.vertical_datum == checkpoints.vertical_datum != UNSTATED,
-        1.0 if area is None else covered_share(dem, area),
+        1.0 if area is None else mapped_share(dem, area),
         frozen(checkpoints.xyz[used]),
         None if checkpoints.map_xy is None else frozen((checkpoints.map_xy - checkpoints.xy)[used]),
         None if checkpoints.map_xy is None else frozen(checkpoints.sigma_xy_m[used]),
@@ -338,7 +338,7 @@ def guidance_of(standard: Standard, errors: CheckpointErrors) -> list[str]:
 
 
 def cautions_of(standard: Standard, errors: CheckpointErrors, limit_m: float | None) -> list[str]:
-    """Return what is to be investigated: a bias, blunders, a datum that is not stated."""
+    """Return errors to investigate: a bias, blunders, a datum that is not stated."""
     found = datum_cautions(errors)
     if limit_m is None:
         return found

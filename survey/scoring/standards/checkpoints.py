@@ -25,7 +25,7 @@ from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.io.named_points import NamedPoints, read_named_points
+from survey.io.point_files import NamedPoints, read_named_points
 from survey.io.point_table import PLACE, PointTable
 
 CONTROL_M = 0.10

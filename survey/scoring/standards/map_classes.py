@@ -13,7 +13,15 @@ from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.checks import CONFIDENCE, RmseClaim, RmsePosterior
 from survey.reconstruction.motion.epoch import AGE, MapAge
 from survey.reconstruction.terrain_map import Reconstruction
-from survey.scoring.standards.standards import CONTOURS, FOOT_M, LEAST_COVERED, PAPER, SPOT_HEIGHTS
+from survey.scoring.standards.standards import (
+    CONTOURS,
+    DIVISORS,
+    FOOT_M,
+    INTERVALS_FT,
+    LEAST_COVERED,
+    PAPER,
+    SPOT_HEIGHTS,
+)
 
 # Tables I, II and III of the glacier paper: contour interval [m] and RMSE limit [m] by class.
 _PAPER_TABLES: dict[int, tuple[tuple[float, float], ...]] = {
@@ -22,8 +30,6 @@ _PAPER_TABLES: dict[int, tuple[tuple[float, float], ...]] = {
     3: ((0.9144, 0.1524), (1.8288, 0.3048), (2.7432, 0.4572)),
 }
 # ASPRS Accuracy Standards for Large-Scale Maps (1990): the limiting RMSE of class 1 over the interval.
-_DIVISORS = {SPOT_HEIGHTS: 6.0, CONTOURS: 3.0}
-_INTERVALS_FT = (1, 2, 3)
 
 _WHOLE_SURFACE = (
     "The RMSE is that of the whole surface against a reference surface; the limit is made for spot heights at "
@@ -107,11 +113,11 @@ def map_classes(standard: str = PAPER) -> tuple[MapClass, ...]:
     """
     if standard == PAPER:
         rows = [(k, interval, limit) for k, table in _PAPER_TABLES.items() for interval, limit in table]
-    elif standard in _DIVISORS:
+    elif standard in DIVISORS:
         rows = [
-            (k, feet * FOOT_M, k * feet * FOOT_M / _DIVISORS[standard])
+            (k, feet * FOOT_M, k * feet * FOOT_M / DIVISORS[standard])
             for k in (1, 2, 3)
-            for feet in _INTERVALS_FT
+            for feet in INTERVALS_FT
         ]
     else:
         known = ", ".join(_NOTES)

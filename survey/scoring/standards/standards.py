@@ -14,7 +14,7 @@ from typing import Literal
 
 from survey.core.errors import ConfigError, InputError
 
-FOOT_M = 0.3048
+FOOT_M, INCH_M = 0.3048, 0.0254
 PAPER = "asprs-1990-as-in-paper"
 SPOT_HEIGHTS = "asprs-1990-spot-heights"
 CONTOURS = "asprs-1990-contours"
@@ -22,6 +22,10 @@ NMAS = "nmas-1947"
 NSSDA = "nssda-1998"
 ASPRS_2014 = "asprs-2014"
 EDITION_2 = "asprs-edition-2"
+DIVISORS = {SPOT_HEIGHTS: 6.0, CONTOURS: 3.0}
+"""Contour interval over the largest RMSE of class 1, in the standard of 1990."""
+INTERVALS_FT = (1, 2, 3)
+"""Contour intervals for which the classes of 1990 are stated."""
 
 LEAST_COVERED = 0.999
 """Share of the area that a map must cover for a class to be stated."""
@@ -106,7 +110,6 @@ def standard_named(name: str) -> Standard:
     return STANDARDS[name]
 
 
-INCH_M, _UNUSED_FOOT_M = 0.0254, 0.3048
 # Two-sided 95 % and 90 % of a normal error, and the circular 95 % and 90 % in standard deviations of one axis.
 Z95, Z90, C95, C90 = 1.9600, 1.6449, 2.4477, 2.1460
 VVA_FACTOR = 3.00

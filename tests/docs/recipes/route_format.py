@@ -8,9 +8,9 @@ ROUTE_FORMAT = Recipe(
     inserted={
         "survey/interchange/route_writers.py": (
             (
-                "def _write_text(",
-                "def _write_poly(route: Route, path: Path, _: Surroundings) -> None:\n"
-                '    _write_text(path, "\\n".join("".join(f"{x:.4f} {y:.4f}\\n" for x, y in leg.xy) for leg in route.legs))\n\n\n',
+                "\n\nWRITERS: dict[",
+                "\n\ndef _write_poly(route: Route, path: Path, _: Surroundings) -> None:\n"
+                '    write_text(path, "\\n".join("".join(f"{x:.4f} {y:.4f}\\n" for x, y in leg.xy) for leg in route.legs))\n',
             ),
             ('    ".waypoints": write_wpl', '    ".poly": _write_poly,\n'),
         ),

@@ -5,8 +5,8 @@ import pytest
 
 from survey.data.route import Leg
 from survey.data.trajectory import Trajectory
-from survey.figures import terrain_profile, trajectory_error
-from survey.figures.curves import cross_line
+from survey.figures import error_over_time, terrain_profile
+from survey.figures.errors import cross_line
 
 
 def line_of(axes, label):
@@ -62,7 +62,7 @@ def test_a_swath_due_east_is_crossed_due_north(site):
 
 
 def test_the_error_of_the_trajectory_is_shown_per_axis(site):
-    figure = trajectory_error(site.trajectory, site.reference_trajectory)
+    figure = error_over_time(site.trajectory, site.reference_trajectory)
     for axes, offset in zip(figure.axes, (0.3, -0.1, 0.0), strict=True):
         np.testing.assert_allclose(line_of(axes, "Estimate \u2212 reference").get_ydata(), offset, atol=1e-9)
         band = axes.collections[0].get_paths()[0].vertices[:, 1]
@@ -80,5 +80,5 @@ def test_poses_outside_the_reference_are_left_out(site):
         reference.covariance[:30],
         reference.crs,
     )
-    axes = trajectory_error(site.trajectory, first).axes[0]
+    axes = error_over_time(site.trajectory, first).axes[0]
     assert line_of(axes, "Estimate \u2212 reference").get_xdata().max() == 29.0

@@ -11,7 +11,7 @@ from survey.data.grid import Grid
 from survey.data.route import Leg, Route
 from survey.figures import deviation_map, landmark_map, support_map, survey_map, terrain_comparison
 from survey.figures.layout import view
-from survey.figures.map_layers import elevation_limits, relief_exaggeration, thinned
+from survey.figures.map_layers import decimate, elevation_limits, relief_exaggeration
 from survey.figures.style import ROVERS, png_bytes
 
 
@@ -158,7 +158,7 @@ def test_flat_ground_can_be_drawn():
 def test_large_rasters_are_thinned_in_place():
     grid = Grid((0.0, 0.0, 1600.0, 3.0), 1.0)
     dem = Dem.on(grid, grid.xy[:, 0].reshape(grid.shape))
-    small = thinned(dem)
+    small = decimate(dem)
     assert small.shape == (2, 801)
     # Elevation is easting, so the kept cells must still lie where their values say.
     np.testing.assert_allclose(small.elevation[0], small.x, atol=1e-9)

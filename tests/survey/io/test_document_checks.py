@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from survey.core.errors import CapacityError, InputError
-from survey.io import file_kinds as document_checks
+from survey.io import file_kinds
 from survey.io.file_kinds import check_json, check_xml
 
 NAMED = '{"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": "%s"}}, "features": []}'
@@ -68,7 +68,7 @@ def test_other_documents_links_and_entities_are_refused(tmp_path: Path, text: st
 def test_a_text_that_is_too_large_to_parse_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(document_checks, "LARGEST_TEXT_BYTES", 10)
+    monkeypatch.setattr(file_kinds, "LARGEST_TEXT_BYTES", 10)
     with pytest.raises(CapacityError, match="save it as GeoPackage"):
         check_json(written(tmp_path, "a.geojson", NAMED % "EPSG:32608"), "the area")
 

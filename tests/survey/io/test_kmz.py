@@ -7,7 +7,7 @@ import pytest
 
 from survey import SurveyArea
 from survey.core.errors import CapacityError, InputError
-from survey.io import file_kinds as kmz
+from survey.io import file_kinds
 from survey.io.vector import layer_names
 
 PLACEMARK = """<Placemark><name>{name}</name><Polygon><outerBoundaryIs><LinearRing><coordinates>
@@ -65,6 +65,6 @@ def test_archives_without_a_readable_document_are_refused(
     ):
         with pytest.raises(InputError, match=words):
             SurveyArea.read(file)
-    monkeypatch.setattr(kmz, "LARGEST_TEXT_BYTES", 100)
+    monkeypatch.setattr(file_kinds, "LARGEST_TEXT_BYTES", 100)
     with pytest.raises(CapacityError, match="can be read as text"):
         SurveyArea.read(good)

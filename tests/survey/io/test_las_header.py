@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.io.las_header import check_claim, check_las_points, check_las_records
+from survey.io.las import check_las_points, check_las_records
+from survey.io.point_table import check_claim
 
 
 @pytest.fixture

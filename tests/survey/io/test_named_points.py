@@ -8,7 +8,7 @@ import shapely
 from pyproj import CRS
 
 from survey import InputError
-from survey.io.named_points import read_named_points
+from survey.io.point_files import read_named_points
 from survey.io.vector import write_features
 
 TABLE = "x_m,y_m,z_m,name\n1,2,3,{}\n4,5,6,{}\n"

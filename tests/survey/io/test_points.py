@@ -9,7 +9,7 @@ import shapely
 
 from survey.core.errors import CapacityError, InputError
 from survey.data.surface_points import SurfacePoints
-from survey.io import point_table as point_files
+from survey.io import point_table
 from survey.io.point_files import read_point_table
 from survey.io.vector import write_features
 
@@ -106,7 +106,7 @@ def test_a_column_that_contradicts_the_coordinates_is_refused(tmp_path: Path) ->
 
 def test_more_points_than_fit_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = SurfacePoints(np.arange(9.0).reshape(3, 3), sigma_m=0.1, crs="EPSG:32608")
-    monkeypatch.setattr(point_files, "LARGEST_POINTS", 2)
+    monkeypatch.setattr(point_table, "LARGEST_POINTS", 2)
     for ending in ("las", "laz", "ply"):
         points.write(tmp_path / f"a.{ending}")
         with pytest.raises(CapacityError, match="3 points; 2 can be read"):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import survey.reporting
-from survey.reporting.rendering import csv_source, rendered
+from survey.reporting.rendering import csv_source, render
 
 TEMPLATES = sorted(
     path.name for path in (Path(survey.reporting.__file__).parent / "templates").glob("*.html.j2")
@@ -42,4 +42,4 @@ def test_every_table_is_read_back_with_its_columns(row):
 def test_there_are_templates_and_a_missing_name_is_an_error():
     assert TEMPLATES
     with pytest.raises(jinja2.UndefinedError):
-        rendered(TEMPLATES[0])
+        render(TEMPLATES[0])

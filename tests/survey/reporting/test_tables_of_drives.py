@@ -5,8 +5,7 @@ import pytest
 
 from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
-from survey.reporting.summary import FLEET_HEADINGS as HEADINGS
-from survey.reporting.summary import fleet_rows, payload_rows
+from survey.reporting.summary import FLEET_HEADINGS, fleet_rows, payload_rows
 from survey.reporting.survey_results import FleetResults, RoverDrive
 
 CRS = "EPSG:32608"
@@ -42,7 +41,7 @@ def test_each_rover_has_a_row_with_its_swaths_and_its_driven_distance(route):
         for length, ending, error in ((200.0, "arrived", 0.25), (40.0, "stalled", None))
     )
     heading, first, second = fleet_rows(FleetResults(rovers=rovers), route)
-    assert heading == list(HEADINGS)
+    assert heading == list(FLEET_HEADINGS)
     assert [cell.replace("\u00a0", " ") for cell in first] == [
         "Rover 1", "2", "200 m", "60 s", "2 kJ", "arrived", "0.25 m", "–", "0",
     ]  # fmt: skip

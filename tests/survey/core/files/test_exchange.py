@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from survey import InputError
-from survey.core import replacement as exchange
+from survey.core import replacement
 from survey.core.files import write_refusal
 from survey.core.replacement import refuse_foreign, replacing_files, replacing_folder
 
@@ -36,7 +36,7 @@ def test_a_new_folder_and_its_parents_are_created(tmp_path):
 @pytest.mark.parametrize("is_supported", [True, False])
 def test_the_old_folder_goes_with_all_its_files(tmp_path, monkeypatch, is_supported):
     if not is_supported:
-        monkeypatch.setattr(exchange, "_exchanged_at_once", lambda *_: False)
+        monkeypatch.setattr(replacement, "_exchanged_at_once", lambda *_: False)
     replaced(tmp_path / "map", "old")
     replaced(tmp_path / "map", "new")
     assert names(tmp_path) == ["map/a.txt", "map/pictures/new.png"]
@@ -151,7 +151,7 @@ def test_a_place_that_cannot_be_made_is_refused():
 
 
 def test_an_old_folder_beside_a_main_file_is_removed_before_the_main_file_is_replaced(tmp_path):
-    (tmp_path / "page").mkdir()  # a folder in the place of the main file stops the exchange there
+    (tmp_path / "page").mkdir()  # a folder in the place of the main file stops the replacement there
     (tmp_path / "figures").mkdir()
     (tmp_path / "figures" / "old.png").write_bytes(b"old")
     with pytest.raises(InputError):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera, fold_radius, undistorted
+from survey.data.camera import Camera, fold_radius, undistort
 
 MATRIX = np.array([[718.0, 0.0, 607.0], [0.0, 718.0, 185.0], [0.0, 0.0, 1.0]])
 
@@ -49,5 +49,5 @@ def test_pixels_beyond_the_fold_have_no_ray() -> None:
 
 def test_a_lens_without_distortion_changes_nothing() -> None:
     plane = np.array([[0.3, -0.2], [2.0, 1.0]])
-    assert undistorted(plane, np.zeros(5)).tolist() == plane.tolist()
+    assert undistort(plane, np.zeros(5)).tolist() == plane.tolist()
     assert fold_radius(np.zeros(5)) == np.inf

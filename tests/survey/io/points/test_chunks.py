@@ -9,7 +9,7 @@ import pytest
 from pyarrow import parquet
 
 from survey.core.errors import InputError
-from survey.io import point_chunks as chunks
+from survey.io import point_chunks
 from survey.io.point_chunks import chunked_files, point_file_facts, read_chunks
 from tests.survey.reconstruction.tiled.conftest import write_laz
 
@@ -34,7 +34,7 @@ def write_parquet(path: Path) -> Path:
 
 @pytest.fixture(params=["laz", "ply", "parquet"])
 def file(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(chunks, "CHUNK_POINTS", 120)
+    monkeypatch.setattr(point_chunks, "CHUNK_POINTS", 120)
     if request.param == "laz":
         return write_laz(tmp_path / "a.laz", XYZ, STRIP)
     return write_ply(tmp_path / "a.ply") if request.param == "ply" else write_parquet(tmp_path / "a.parquet")

@@ -10,7 +10,7 @@ from affine import Affine
 
 from survey import Dem, InputError
 from survey.core.errors import CapacityError
-from survey.io.raster import LARGEST_CELLS, opened_raster, raster_facts, read_raster
+from survey.io.raster import LARGEST_CELLS, open_raster, raster_facts, read_raster
 
 UTM = "EPSG:32608"
 
@@ -65,7 +65,7 @@ def test_bounds_beside_the_raster_are_refused(tmp_path: Path) -> None:
 
 def test_lack_of_memory_is_no_damage(tmp_path: Path) -> None:
     file = sparse(tmp_path / "a.tif", 1200)
-    with pytest.raises(CapacityError, match="memory"), opened_raster(file):
+    with pytest.raises(CapacityError, match="memory"), open_raster(file):
         raise MemoryError
 
 

@@ -13,7 +13,7 @@ from rasterio.windows import Window
 
 from survey import Dem, InputError
 from survey.interchange.conversion import convert
-from survey.io.raster import opened_raster, read_raster, read_window
+from survey.io.raster import open_raster, read_raster, read_window
 
 UTM = "EPSG:32608"
 STORED = np.arange(1, 21).reshape(4, 5) * 10
@@ -57,7 +57,7 @@ def test_scale_and_offset_of_a_geotiff_are_applied(tmp_path: Path) -> None:
 
 def test_blocks_and_whole_rasters_are_equal(tmp_path: Path) -> None:
     file = geotiff(tmp_path / "a.tif", scales=(0.1,), offsets=(7.0,), units=("ft",))
-    with opened_raster(file) as source:
+    with open_raster(file) as source:
         block = read_window(source, 1, Window(1, 1, 2, 2))
     np.testing.assert_array_equal(block, read_raster(file).values[1:3, 1:3])
     np.testing.assert_allclose(block, (7.0 + 0.1 * STORED[1:3, 1:3]) * 0.3048, rtol=1e-14)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.io.named_points import read_named_points
-from survey.io.point_files import read_point_table
+from survey.io.point_files import read_named_points, read_point_table
 
 HEADER = "Point;Easting;Northing;Elevation\n"
 

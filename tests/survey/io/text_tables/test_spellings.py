@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from survey import ConfigError, InputError
-from survey.io.column_names import parsed_columns
-from survey.io.named_points import read_named_points
+from survey.io.column_names import parse_columns
+from survey.io.point_files import read_named_points
 from survey.scoring import Checkpoints
 
 UTM = "EPSG:32608"
@@ -59,7 +59,7 @@ def test_separators_decimal_commas_units_and_encodings_are_found(
 
 def test_a_mapping_chooses_columns_that_have_other_names(tmp_path: Path) -> None:
     path = write(tmp_path, "id,a,b,ortho,ellip,s\n7,500100,6700200,812,840,0.02\n")
-    mapping = parsed_columns(["x=a,y=b,z=ortho", "sigma_z=s"])
+    mapping = parse_columns(["x=a,y=b,z=ortho", "sigma_z=s"])
     points = Checkpoints.read(path, crs=UTM, columns=mapping)
     assert points.xyz.tolist() == [[500_100.0, 6_700_200.0, 812.0]]
     assert points.names == ("7",)
@@ -99,7 +99,7 @@ def test_tables_that_are_ambiguous_or_damaged_are_refused_in_one_sentence(
 @pytest.mark.parametrize("text", ["x:Easting", "w=Easting", "x=", "x=a,x=b", "x=a,y=a"])
 def test_a_mapping_that_makes_no_sense_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="column mapping"):
-        parsed_columns([text])
+        parse_columns([text])
 
 
 def test_a_mapping_to_a_column_that_is_not_there_is_refused(tmp_path: Path) -> None:

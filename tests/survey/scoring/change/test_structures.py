@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from survey.scoring.change.variogram import SHAPES, Structure, Variogram, error_of_sum, fitted
+from survey.scoring.change.variogram import SHAPES, Structure, Variogram, error_of_sum, fit_variogram
 
 LAGS = np.geomspace(5.0, 500.0, 30)
 
@@ -20,7 +20,7 @@ def test_structures_start_at_nothing_and_reach_their_sill_at_the_range(family):
 @pytest.mark.parametrize("family", SHAPES)
 def test_an_exact_variogram_of_any_family_is_explained_to_three_percent(family):
     gamma = 0.1 + Structure(family, 66.0, 0.9).at(LAGS)
-    found = Variogram(*fitted(LAGS, gamma, 1.0 / gamma, 10.0))
+    found = Variogram(*fit_variogram(LAGS, gamma, 1.0 / gamma, 10.0))
     assert found.at(LAGS) == pytest.approx(gamma, rel=0.03)
     assert found.variance_m2 == pytest.approx(1.0, rel=0.01)
 

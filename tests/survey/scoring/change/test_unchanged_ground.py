@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from survey import Grid, InputError
-from survey.scoring.change.volume_change import ComparedGround, without_blunders
+from survey.scoring.change.volume_change import ComparedGround, remove_blunders
 
 GRID = Grid((0.0, 0.0, 190.0, 190.0), 10.0, "EPSG:32608")
 
@@ -16,7 +16,7 @@ def test_blunders_of_the_unchanged_ground_are_left_out_and_nothing_else() -> Non
     stable = np.ones((20, 20), dtype=bool)
     stable[:5] = False
     difference[10, 10], difference[2, 2] = 9.0, -9.0
-    calm = without_blunders(difference, stable)
+    calm = remove_blunders(difference, stable)
     stable[10, 10] = False
     np.testing.assert_array_equal(calm, stable)
 
@@ -25,7 +25,7 @@ def test_less_than_a_hundred_cells_are_refused() -> None:
     few = np.zeros((20, 20), dtype=bool)
     few[:4, :20] = True
     with pytest.raises(InputError, match="80 cells of unchanged ground; 100 are needed"):
-        without_blunders(np.zeros((20, 20)), few)
+        remove_blunders(np.zeros((20, 20)), few)
 
 
 def test_ground_outside_all_outlines_is_unchanged_unless_a_part_is_named() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid
-from survey.io.raster import large as averaging
+from survey.io.raster import large
 from survey.io.raster.large import read_averaged
 
 GRID = Grid((500_005.0, 6_500_005.0, 500_475.0, 6_500_355.0), 10.0, "EPSG:32608")
@@ -47,6 +47,6 @@ def test_squares_of_two_rasters_with_the_same_cells_are_the_same(file: Path, tmp
 
 def test_strips_of_rows_do_not_change_the_averages(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (at_once,) = read_averaged(file, 3)
-    monkeypatch.setattr(averaging, "_CELLS_AT_ONCE", 300)
+    monkeypatch.setattr(large, "_CELLS_AT_ONCE", 300)
     (in_strips,) = read_averaged(file, 3)
     np.testing.assert_array_equal(at_once.values, in_strips.values)

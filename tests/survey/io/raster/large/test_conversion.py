@@ -10,8 +10,7 @@ import rasterio
 from survey import Dem, Grid, InputError
 from survey.core.errors import CapacityError
 from survey.interchange.conversion import convert
-from survey.io.raster import large as conversion
-from survey.io.raster import write_raster
+from survey.io.raster import large, write_raster
 
 GRID = Grid((500_005.0, 6_500_005.0, 500_475.0, 6_500_355.0), 10.0, "EPSG:32608")
 
@@ -26,7 +25,7 @@ def bands(rng: np.random.Generator) -> dict[str, np.ndarray]:
 @pytest.fixture(autouse=True)
 def large_from_a_hundred_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules["survey.interchange.conversion"], "LARGEST_CELLS", 100)
-    monkeypatch.setattr(conversion, "_WINDOW_CELLS", 512)
+    monkeypatch.setattr(large, "_WINDOW_CELLS", 512)
 
 
 def test_a_large_raster_is_written_with_all_bands_in_windows(
@@ -58,7 +57,7 @@ def test_a_file_that_may_exceed_4_gb_is_bigtiff(tmp_path: Path) -> None:
     tiles = {"tiled": True, "blockxsize": 512, "blockysize": 512, "sparse_ok": True, "nodata": -9999.0}
     place = {"crs": "EPSG:32608", "transform": rasterio.Affine(1.0, 0.0, 500_000.0, 0.0, -1.0, 6_500_000.0)}
     rasterio.open(tmp_path / "a.tif", "w", **profile, **tiles, **place).close()
-    conversion._copy(tmp_path / "a.tif", tmp_path / "b.tif", conversion._LARGE_COG_OPTIONS)
+    large._copy(tmp_path / "a.tif", tmp_path / "b.tif", large._LARGE_COG_OPTIONS)
     with (tmp_path / "b.tif").open("rb") as file:
         assert file.read(4) == b"II+\0"
 

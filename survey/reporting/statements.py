@@ -10,7 +10,7 @@ from survey.scoring.standards.assessment import NOT_ASSESSED, Assessment
 from survey.scoring.standards.standards import ASPRS_2014, EDITION_2, NMAS, Z95
 
 LANGUAGES = ("en", "de")
-"""Languages for which there is a template beside this module."""
+"""Languages for which there is a template in the folder ``templates``."""
 _TOO_FEW = re.compile(r"\d+ checkpoints on ")
 
 
@@ -21,7 +21,7 @@ def template(language: str) -> dict[str, dict[str, str]]:
         raise ConfigError(
             f"there is no accuracy statement in the language {language!r}; one of {', '.join(LANGUAGES)} was expected."
         )
-    text = files(__package__).joinpath(f"{language}.toml").read_text(encoding="utf-8")
+    text = files("survey.reporting").joinpath("templates", f"{language}.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
