@@ -69,8 +69,8 @@ class FieldLattice(LatticeModel):
 
     With ``rays`` the surface stays below the third-lowest line of sight over every node, as far as
     the points allow (`solve_below`), and its bounds are no multiples of the standard deviation: they
-    are as wide as ground hidden from imagined sensors asked for (`hidden_ground`), the upper one cut
-    at the ceiling. Where nothing was seen for many metres (`UNSEEN`) they say little.
+    are as wide as hidden ground needed (`survey.reconstruction.lattice.calibration.bound_factors`), the upper one
+    cut at the ceiling. Where nothing was seen for many metres (`UNSEEN`) they say little.
 
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 8.0, (900, 2))
@@ -374,9 +374,6 @@ class FieldLattice(LatticeModel):
 
 def _is_power_of_two(n: int) -> bool:
     return n & (n - 1) == 0
-
-
-__all__ = ["FieldLattice"]
 
 
 _FORMAT = "firnline field lattice 2"

@@ -18,7 +18,8 @@ from scipy.ndimage import uniform_filter
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.lattice.field_posterior import Information, Stiffness
-from survey.reconstruction.lattice.solver import Operator, VCyclePreconditioner, solve
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import VCyclePreconditioner, solve
 from survey.reconstruction.lattice.stencil import prior_diagonal, prior_noise
 from survey.reconstruction.nodes import away_from
 from survey.reconstruction.tiled.layout import CellWindow
