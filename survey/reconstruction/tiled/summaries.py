@@ -25,7 +25,8 @@ from survey.reconstruction.tiled.cells import (
 from survey.reconstruction.tiled.job import Control, TiledJob
 from survey.reconstruction.tiled.layout import CellWindow, MapTile
 
-_USUAL_M2 = 0.05**2
+USUAL_M2 = 0.05**2
+"""Variance of a point about the ground [m²] where no cell shows it."""
 
 
 def summarise(job: TiledJob, tile: MapTile) -> int:
@@ -39,7 +40,7 @@ def summarise(job: TiledJob, tile: MapTile) -> int:
     usual = usual_variance(variance, cells["n"])
     cells["variance"] = variance
     write_cells(job.cells_file(tile), cells)
-    per_point = shrunk_variance(variance, cells["n"], usual if np.isfinite(usual) else _USUAL_M2)
+    per_point = shrunk_variance(variance, cells["n"], usual if np.isfinite(usual) else USUAL_M2)
     slope = slopes_at(cells, window) / layout.cell_m
     control = job.control.within(window, layout.cell_m)
     arrays: dict[str, Any] = {
