@@ -16,7 +16,7 @@ from survey.core.errors import InputError
 from survey.data.sensors.lidar import Scanner, SensorScan
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.line_of_sight.returns import LEAST_M, ghosts
+from survey.reconstruction.line_of_sight.returns import LEAST_M, QUARTILES_TO_SIGMA, ghosts
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import (
     PathInterpolator,
@@ -91,7 +91,7 @@ _STRETCH_M = 5.0
 _VISIT_M = 40.0
 # A vehicle that stands still scans the same ground; the memory of a stretch is bounded by this number of scans.
 _MOST_SCANS = 50
-_SIGMAS, _QUARTILES_TO_SIGMA = 4.0, 1.349
+_SIGMAS = 4.0
 
 
 def representatives_of_stretches(
@@ -131,7 +131,7 @@ def _representatives(returns: RegisteredReturns, config: ScanPointsConfig) -> Re
 def _usual(height: FloatArray, first: IntArray, count: IntArray) -> BoolArray:
     """Return which heights, in order within each cell, lie within 0.3 m or four standard deviations of its median."""
     lower, middle, upper = (height[first + (share * count) // 4] for share in (1, 2, 3))
-    allowed = np.maximum(LEAST_M, _SIGMAS * (upper - lower) / _QUARTILES_TO_SIGMA)
+    allowed = np.maximum(LEAST_M, _SIGMAS * (upper - lower) / QUARTILES_TO_SIGMA)
     usual: BoolArray = np.abs(height - np.repeat(middle, count)) <= np.repeat(allowed, count)
     return usual
 
