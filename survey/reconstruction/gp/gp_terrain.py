@@ -26,10 +26,10 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engine_choice import EngineName
 from survey.reconstruction.gp.fit import MOST_AT_ONCE, Learned, TerrainFit, steepness_on_axes
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
-from survey.reconstruction.gp.process import EngineName
 from survey.reconstruction.observations import Observations
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_fitted
@@ -156,7 +156,7 @@ class GaussianProcessTerrain(TerrainModel):
     quantity : str
         What is mapped, with its unit.
     bounds : (xmin, ymin, xmax, ymax), optional
-        Where the model will be asked [m]; the points' extent by default. Points farther
+        Extent of later predictions [m]; the points' extent by default. Points farther
         from it than its diagonal are not used, and their number is reported.
     watch : MapWatch, optional
         Progress of a map in tiles; with it the expected time of a large map is logged beforehand.
@@ -214,7 +214,7 @@ class GaussianProcessTerrain(TerrainModel):
         fit = self._fit
         near = fit.near(points)
         used = points if near.all() else points.select(near)
-        learned = fit.learned(used, np.flatnonzero(near), self._announce)
+        learned = fit.learn(used, np.flatnonzero(near), self._announce)
         learned = replace(learned, n_beyond_reach=int((~near).sum()))
         return replace(self, learned_=learned, vertical_datum_=used.vertical_datum)
 
@@ -274,7 +274,7 @@ class GaussianProcessTerrain(TerrainModel):
             Dem.on(grid, std, self.vertical_datum_),
             support,
             self.engine,
-            known.hyperparameters(),
+            known.record(),
             quantity=self.quantity,
             diagnostics=diagnostics,
         )

@@ -24,14 +24,13 @@ from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.families import KernelFamily, Sum
+from survey.reconstruction.gp.families import KernelFamily, Sum, parts_of
 from survey.reconstruction.gp.kernels import Kernel, Stationary
 from survey.reconstruction.gp.marginal_likelihood import (
     LONGEST_SHARE,
     Hyperparameters,
     KernelFit,
     comparison,
-    parts_of,
     stated_family,
     with_landforms,
 )

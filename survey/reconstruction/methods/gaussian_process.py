@@ -17,9 +17,9 @@ from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.engine_choice import EngineName
 from survey.reconstruction.gp.fit import Learned
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.gp.process import EngineName
 from survey.reconstruction.method import (
     MappedTerrain,
     MappingTask,
@@ -102,7 +102,7 @@ def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None
         return result
     rows = sampled_nodes(inside)
     covariance = learned.process.joint_covariance(grid.xy[rows])
-    covariance[np.diag_indices(len(rows))] += learned.found.nugget_m**2
+    covariance[np.diag_indices(len(rows))] += learned.hyperparameters.nugget_m**2
     untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
     claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
     return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})
