@@ -336,7 +336,7 @@ class LiveMap:
         terrain = self._terrain(path, JointConfig())
         start = terrain.from_points(points, self.grid.bounds)
         found, memory_mb = start.candidates[0], self.memory_mb
-        system = terrain.system(points, self.grid.bounds, found, start.slope, memory_mb=memory_mb)
+        system = terrain.builder.build(points, self.grid.bounds, found, start.slope, memory_mb=memory_mb)
         return segment_map(system, path, points, self.grid, self.nugget_m)
 
     def of_samples(

@@ -9,7 +9,7 @@ from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.joint.cross_validation import (
-    _solved,
+    _solve_block,
     check_by_swaths,
     checked_map,
     held_out_swaths,
@@ -50,7 +50,7 @@ def test_a_swath_is_predicted_as_by_an_estimate_without_it():
     points = two_swaths()
     solution = JointTerrain(path_error(0.3, 0.5), None, KNOWN, TWO_M).solved(points, GRID.bounds)
     rows = np.flatnonzero(points.keyframe <= 1.2)
-    block = _solved(solution, rows)
+    block = _solve_block(solution, rows)
     others = np.setdiff1d(np.arange(len(points)), rows)
     waves = waves_at(points.xy, solution.basis, solution.posterior.weights.amplitudes)
     design = np.hstack([waves, solution.rows.toarray()])
