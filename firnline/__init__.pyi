@@ -108,6 +108,9 @@ from survey.reconstruction.gp.mean import Mean as Mean
 from survey.reconstruction.joint.drives import PathCorrection as PathCorrection
 from survey.reconstruction.lattice.config import FieldLatticeConfig as FieldLatticeConfig
 from survey.reconstruction.lattice.config import SpringLatticeConfig as SpringLatticeConfig
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig as ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import BeamErrors as BeamErrors
+from survey.reconstruction.line_of_sight.scan_points import scan_points as scan_points
 from survey.reconstruction.mapping import reconstruct as reconstruct
 from survey.reconstruction.method import MappedTerrain as MappedTerrain
 from survey.reconstruction.method import MappingTask as MappingTask
@@ -117,9 +120,6 @@ from survey.reconstruction.method import ScanSettings as ScanSettings
 from survey.reconstruction.prior import ErrorScale as ErrorScale
 from survey.reconstruction.prior import PriorErrors as PriorErrors
 from survey.reconstruction.prior import SatelliteErrors as SatelliteErrors
-from survey.reconstruction.registration.config import ScanPointsConfig as ScanPointsConfig
-from survey.reconstruction.registration.scan_points import BeamErrors as BeamErrors
-from survey.reconstruction.registration.scan_points import scan_points as scan_points
 from survey.reconstruction.registry import ReconstructionConfig as ReconstructionConfig
 from survey.reconstruction.terrain_map import Reconstruction as Reconstruction
 from survey.scoring.accuracy import Calibration as Calibration

@@ -18,15 +18,17 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.carved_surface import (
     CarvedSurface,
     CarvingFrame,
+    CarvingState,
     Cloud,
     Codes,
     Frame,
     Pass,
     pass_of,
+    read_carving,
     rms,
     support_codes,
+    write_carving,
 )
-from survey.reconstruction.carving.carving_file import CarvingState, read_carving, write_carving
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m, require_room
 from survey.reconstruction.carving.descent import BY_POINT, BY_RAY, Step
 from survey.reconstruction.line_of_sight.returns import checked_origins, ghosts

@@ -1,5 +1,6 @@
-"""Gaussian processes with independent errors: the Fourier engine (gp) and the dense one (dense).
+"""Gaussian processes: the Fourier engine (gp), the dense one (dense), and map and path as one estimate (joint).
 
+With gp and dense the points have independent errors; with joint they share the errors of the poses they were seen from.
 A map from points alone gets larger standard deviations far beyond them, and a fitted map around a prior subtracts the
 prior's estimated errors first. Every map that was not divided into tiles claims the posterior of its error.
 """
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from survey.core.crs import same_crs, same_vertical_datum
+from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.beyond_points import widened_beyond
@@ -106,3 +108,31 @@ def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None
     untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
     claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
     return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})
+
+
+def _run_joint(task: MappingTask) -> MappedTerrain:
+    from survey.reconstruction.joint.joint_map import JointTerrain
+
+    if task.path is None:
+        raise InputError(
+            "the joint map needs the error that the points share through their path, and none was given; give a "
+            "trajectory with its .error.npz (`path=trajectory.error`), or take the method gp."
+        )
+    if isinstance(task.prior, Mean):
+        raise InputError(
+            f"the joint map takes a prior's cells as measurements, and a {type(task.prior).__name__} has none; "
+            "give the prior as a Dem or leave it out."
+        )
+    model = JointTerrain(task.path, task.prior, task.config(GaussianProcessConfig), task.config(JointConfig))
+    made = model.map(task.points, task.grid, task.area)
+    return MappedTerrain(made.reconstruction, made.correction, solution=made.solution)
+
+
+JOINT = ReconstructionMethod(
+    "joint",
+    "Gaussian process and path as one estimate",
+    _run_joint,
+    {"gp": GaussianProcessConfig, "joint": JointConfig},
+    needs_path=True,
+    check=check_length_scale,
+)

@@ -12,9 +12,8 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
 from survey.data.sensors.lidar import LidarScans
-from survey.reconstruction.registration.config import ScanPointsConfig
-from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.scan_points import registered
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import PathInterpolator, registered
 
 GRID = Grid((0.0, 0.0, 60.0, 60.0), 2.0)
 ROUTE = Route((Leg("swath", [[15.0, 30.0], [40.0, 32.0]]),), GRID.crs, "line")

@@ -9,10 +9,10 @@ from survey.core.errors import InputError
 from survey.data.path_error import PathError
 from survey.data.sensors.lidar import SensorScan
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.registration.config import ScanPointsConfig
-from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.scan_points import (
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import (
     BeamErrors,
+    PathInterpolator,
     RegisteredReturns,
     best_of_visits,
     registered,
