@@ -2,7 +2,7 @@
 
 `Cloud` holds the points in the coordinates of the frame, those held back for validation among them, and gives the
 lines of sight of a pass. `CarvedSurface` learns from them pass by pass. `Pass` is the record of one pass.
-`support_codes` states for every node whether points measured it, lie within reach, or rays alone bound it.
+`support_of_nodes` states for every node whether points measured it, lie within reach, or rays alone bound it.
 
 `write_carving` and `read_carving` write a fitted model to one file and read it.
 """
@@ -340,7 +340,7 @@ def pass_of(tally: Tally, length_m: float, validationrmse_m: float) -> Pass:
     )
 
 
-def rms(errors: FloatArray) -> float:
+def root_mean_square(errors: FloatArray) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(errors**2)))
 
@@ -348,7 +348,7 @@ def rms(errors: FloatArray) -> float:
 Codes = npt.NDArray[np.uint8]
 
 
-def support_codes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: bool) -> Codes:
+def support_of_nodes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: bool) -> Codes:
     """Return the support codes (H, W) of nodes: a point within half a step, rays over it, a point within reach.
 
     `reach_m`: distance within which a point determines the surface [m].

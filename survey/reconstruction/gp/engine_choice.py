@@ -8,7 +8,7 @@ r"""Choice of the Gaussian-process engine by what each engine would need, and co
 4. neighbourhoods, which need the same small memory for every site.
 
 The mean takes more waves than the covariance holds, by conjugate gradients which the covariance preconditions
-(`MeanSystem`). On the waves beyond it the condition number is about
+(`MeanSystem`). On the waves beyond it the fit_process number is about
 
 .. math::  \kappa = 1 + \max S(\omega) \; \max \rho(x)
 
@@ -54,7 +54,7 @@ _HOPELESS = 1e6
 
 
 class EngineTask(NamedTuple):
-    """Points to condition on, as far as the choice of the engine depends on them.
+    """Points to fit_process on, as far as the choice of the engine depends on them.
 
     `xy` (N, 2) [m], `noise_m2` (N,) [m²]: places and noise variances of the points. `site` (xmin, ymin, xmax, ymax):
     extent of map and points [m]. `tolerance_m`: largest error of the mean that the waves may add [m]. `memory_mb`:
@@ -179,7 +179,7 @@ def condition_number(task: EngineTask, resolution: Resolution) -> float:
     return float(1.0 + density * information.max() / cell_m**2)
 
 
-def condition(
+def fit_process(
     engine: EngineName,
     kernel: Kernel,
     xy: FloatArray,

@@ -26,7 +26,7 @@ from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, condition
+from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, fit_process
 from survey.reconstruction.gp.engines.regression import Process
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
@@ -443,7 +443,7 @@ class TerrainFit:
             and Observations(xy, residual, variance).on_one_line()
         ):
             raise InputError("the points lie on one line and determine no plane; take mean = constant.")
-        return condition(
+        return fit_process(
             self.engine,
             found.kernel,
             xy,

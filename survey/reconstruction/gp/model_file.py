@@ -13,7 +13,7 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import EngineName, condition
+from survey.reconstruction.gp.engine_choice import EngineName, fit_process
 from survey.reconstruction.gp.families import kernel_of
 from survey.reconstruction.gp.fit import Learned, SigmaCalibration
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
@@ -83,7 +83,7 @@ def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, 
 
 
 def read_model(path: str | Path) -> TerrainState:
-    """Read what `write_model` wrote, and condition on its points again."""
+    """Read what `write_model` wrote, and fit_process on its points again."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
         facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
@@ -100,7 +100,7 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
     config = validated(GaussianProcessConfig, facts["config"], "the terrain model's settings")
     prior = _prior_of(facts, arrays)
     found = _hyperparameters(arrays, facts, config, prior)
-    conditioned = condition(
+    conditioned = fit_process(
         facts["engine"],
         found.kernel,
         arrays["xy"],

@@ -28,7 +28,7 @@ from survey.reconstruction.lattice.field_posterior import (
     Part,
     Stiffness,
     is_small,
-    likeliest,
+    likeliest_stiffness,
 )
 from survey.reconstruction.line_of_sight.ceiling import LowestRays, steepness
 from survey.reconstruction.line_of_sight.returns import checked_origins, ends_far_below, ghosts
@@ -167,7 +167,8 @@ class FieldLattice(LatticeModel):
         self._calibration = self._bounds = self._factors = None
         if self.config.learns and _is_power_of_two(self.n_scans_):
             self.stiffness_ = (
-                likeliest(self.recent.xyzw, self.config.node_step_m, self._learned) or self.stiffness_
+                likeliest_stiffness(self.recent.xyzw, self.config.node_step_m, self._learned)
+                or self.stiffness_
             )
         part = self._part_about(points)
         if self.rays is None:

@@ -7,7 +7,7 @@ The prior of the heights z about a plane is that of a thin plate on an elastic b
 a Gaussian field of Matérn smoothness 1 (Lindgren, Rue and Lindström 2011): κ is the
 stiffness, without a unit, and ρ the range [m] at which the correlation has fallen to about 0.1.
 
-`Information` holds the points of all scans, summed into a stencil to which more can be added. `likeliest` estimates
+`Information` holds the points of all scans, summed into a stencil to which more can be added. `likeliest_stiffness` estimates
 stiffness, range and the scale of the sensor's errors by maximum likelihood on patches of the lattice. `FieldPosterior`
 gives heights, their standard deviation, and surfaces drawn from the posterior.
 """
@@ -253,7 +253,9 @@ class _Joint:
         return 0.5 * float(twice), noise_factor
 
 
-def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
+def likeliest_stiffness(
+    points: FloatArray, step_m: float, start: Stiffness | None = None
+) -> Stiffness | None:
     """Return the likeliest stiffness, range and noise factor; None when the points are too few.
 
     `points` (N, 4): easting and northing [m], height above a local datum [m], weight 1/σ² [1/m²]. `step_m`:

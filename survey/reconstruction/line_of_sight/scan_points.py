@@ -5,8 +5,8 @@ attitude turns at a constant rate. What this leaves out is estimated from the pa
 one interval to the next, the error at a share s of an interval is about s (1 - s) / 2 · A'', for the larger change at its
 two ends. `covariance_by_pose` is the error that places have by the poses they were seen from.
 
-`registered` places the returns of every scan in the world, compensated for the motion during the scan, and rejects
-outliers. `representatives_of_stretches` takes one return for each cell of ground and visit, and `thinned` retains the best of
+`register_scans` places the returns of every scan in the world, compensated for the motion during the scan, and rejects
+outliers. `representatives_of_stretches` takes one return for each cell of ground and visit, and `select_returns` retains the best of
 several visits. `scan_points` runs these steps and returns surface points with the covariance that they share through
 the errors of the path.
 """
@@ -136,7 +136,7 @@ class RegisteredReturns(NamedTuple):
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def registered(
+def register_scans(
     scans: Iterable[SensorScan], poses: PathInterpolator, config: ScanPointsConfig
 ) -> Iterator[RegisteredReturns]:
     """Yield each scan that the path covers in the world, without returns that are too near, too far, or alone.
@@ -233,7 +233,7 @@ def best_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
     return np.sort(order[chosen])
 
 
-def thinned(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
+def select_returns(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
     """Return the best returns of all visits, in cells that grow until there are no more than wanted."""
     returns = returns.select(np.argsort(returns.time_s, kind="stable"))
     cell_m = config.cell_m
@@ -327,14 +327,14 @@ def scan_points(
     """
     config = config or ScanPointsConfig()
     poses = PathInterpolator(path)
-    parts = list(representatives_of_stretches(registered(scans, poses, config), config))
+    parts = list(representatives_of_stretches(register_scans(scans, poses, config), config))
     if not sum(len(part.time_s) for part in parts):
         raise InputError(
             f"no scan has returns between {config.nearest_m:g} and {config.farthest_m:g} m in the time of the path, "
             f"{path.time_s[0]:.1f} to {path.time_s[-1]:.1f} s; give the scans and the trajectory of the same drive."
         )
     found = RegisteredReturns.joined(parts)
-    returns = thinned(found.select(~ghosts(found.xyz)), config)
+    returns = select_returns(found.select(~ghosts(found.xyz)), config)
     return _as_points(returns, path, poses, errors, vertical_datum)
 
 

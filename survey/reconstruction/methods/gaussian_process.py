@@ -7,7 +7,7 @@ prior's estimated errors first. Every map that was not divided into tiles claims
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.engine_choice import EngineName
-from survey.reconstruction.gp.fit import Learned
-from survey.reconstruction.gp.mean import Mean
+from survey.reconstruction.gp.mean import Mean, estimated_prior
 from survey.reconstruction.method import (
     MappedTerrain,
     MappingTask,
@@ -30,6 +29,9 @@ from survey.reconstruction.method import (
     config_of,
 )
 from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
+
+if TYPE_CHECKING:
+    from survey.reconstruction.gp.fit import Learned
 
 
 def check_length_scale(settings: ScanSettings) -> None:
@@ -59,8 +61,6 @@ def _with_estimated_prior(
     task: MappingTask,
 ) -> tuple[GaussianProcessConfig, Dem | Mean | None, dict[str, Any]]:
     """Return the settings, the prior less its estimated errors, and their record; a stated kernel takes a prior as exact."""
-    from survey.reconstruction.gp.mean import estimated_prior
-
     config, errors = task.config(GaussianProcessConfig), task.config(JointConfig).satellite
     prior = task.prior
     if (
@@ -74,6 +74,22 @@ def _with_estimated_prior(
     same_vertical_datum(prior.vertical_datum, task.points.vertical_datum, "the prior and the points")
     estimated = estimated_prior(prior, task.points, errors.model())
     return config.model_copy(update={"prior_level": "estimated"}), estimated.dem, estimated.facts
+
+
+def with_claim(result: Reconstruction, learned: "Learned", area: SurveyArea | None) -> Reconstruction:
+    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none."""
+    grid, std = result.mean.grid(), result.std.elevation
+    inside = np.isfinite(std)
+    if area is not None:
+        inside &= area.contains(grid.xy).reshape(grid.shape)
+    if learned.process.divides_site or not inside.any():
+        return result
+    rows = sampled_nodes(inside)
+    covariance = learned.process.joint_covariance(grid.xy[rows])
+    covariance[np.diag_indices(len(rows))] += learned.hyperparameters.nugget_m**2
+    untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
+    claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
+    return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})
 
 
 GP = ReconstructionMethod(
@@ -92,22 +108,6 @@ DENSE = ReconstructionMethod(
     maps_values=True,
     check=check_length_scale,
 )
-
-
-def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None) -> Reconstruction:
-    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none."""
-    grid, std = result.mean.grid(), result.std.elevation
-    inside = np.isfinite(std)
-    if area is not None:
-        inside &= area.contains(grid.xy).reshape(grid.shape)
-    if learned.process.divides_site or not inside.any():
-        return result
-    rows = sampled_nodes(inside)
-    covariance = learned.process.joint_covariance(grid.xy[rows])
-    covariance[np.diag_indices(len(rows))] += learned.hyperparameters.nugget_m**2
-    untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
-    claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
-    return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})
 
 
 def _run_joint(task: MappingTask) -> MappedTerrain:

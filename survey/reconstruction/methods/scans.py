@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from survey.core.errors import InputError
-from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.carving.config import SpaceCarvingConfig, require_kernel_memory
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.method import (
     MappedTerrain,
@@ -18,6 +18,7 @@ from survey.reconstruction.method import (
     ScanSettings,
     config_of,
 )
+from survey.reconstruction.nodes import NodeWindow, require_room
 
 if TYPE_CHECKING:
     from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
@@ -35,8 +36,6 @@ def _begin_field(settings: ScanSettings) -> "FieldLattice":
 
 def _check_field(settings: ScanSettings) -> None:
     """Refuse a lattice with more nodes than fit into memory."""
-    from survey.reconstruction.nodes import NodeWindow, require_room
-
     config = config_of(settings.configs, FieldLatticeConfig)
     if settings.bounds is not None:
         step_m = config.step_m or settings.step_m or config.node_step_m
@@ -80,7 +79,6 @@ def _begin_emap(settings: ScanSettings) -> "SpringLattice":
 def _check_emap(settings: ScanSettings) -> None:
     """Refuse a lattice with more nodes than fit into memory."""
     from survey.reconstruction.lattice.spring_lattice import BYTES_PER_NODE
-    from survey.reconstruction.nodes import NodeWindow, require_room
 
     config = _begin_emap(settings).config
     if settings.bounds is None:
@@ -127,14 +125,12 @@ def _begin_carving(settings: ScanSettings) -> "SpaceCarvingKernel":
 
 def _check_carving(settings: ScanSettings) -> None:
     """Refuse kernels that do not fit into memory."""
-    from survey.reconstruction.carving.config import require_room
-
     if settings.bounds is None:
         return
     config = config_of(settings.configs, SpaceCarvingConfig)
     xmin, ymin, xmax, ymax = settings.bounds
     reach_m = 2.0 * config.first_length_m
-    require_room(config, xmax - xmin + reach_m, ymax - ymin + reach_m, 0)
+    require_kernel_memory(config, xmax - xmin + reach_m, ymax - ymin + reach_m, 0)
 
 
 def _run_carving(task: MappingTask) -> MappedTerrain:

@@ -260,7 +260,7 @@ def add_point_errors(
 
 
 @njit(cache=True)
-def chosen(column: IntArray, row: IntArray, side: int, share: float) -> IntArray:
+def choose_squares(column: IntArray, row: IntArray, side: int, share: float) -> IntArray:
     """Return 1 (N,) for the cells of randomly chosen squares of `side` cells that make up a share of all, else 0."""
     out = np.zeros(len(column), np.int64)
     limit = np.uint64(share * 2.0**53)

@@ -26,15 +26,15 @@ from survey.reconstruction.lattice.field_posterior import (
     LatticeLikelihood,
     Part,
     Stiffness,
-    likeliest,
     likeliest_of,
+    likeliest_stiffness,
 )
 from survey.reconstruction.nodes import NodeWindow, bilinear
 from survey.reconstruction.tiled.cells import cells_in, mean_heights, slopes
 from survey.reconstruction.tiled.fine_relief import (
     CellPoints,
     FineRelief,
-    chosen,
+    choose_squares,
     fine_relief,
     variance_within_cells,
 )
@@ -109,7 +109,9 @@ def long_relief(
     level = float(np.median(height))
     weight = blocks[:, 1] / coarse_cells**2 / _SIGMA_M**2
     xyzw = np.column_stack([blocks[:, 2:4], height - level, weight])
-    stiffness = likeliest(xyzw[:: -(-len(xyzw) // _LEARNT_FROM)], window.step_m) or _FALLBACK_LONG_RELIEF
+    stiffness = (
+        likeliest_stiffness(xyzw[:: -(-len(xyzw) // _LEARNT_FROM)], window.step_m) or _FALLBACK_LONG_RELIEF
+    )
     posterior = FieldPosterior.empty(window.shape, _N_DRAWS)
     posterior.information.add(np.column_stack([places, xyzw[:, 2:]]))
     all_nodes = Part(slice(0, window.rows), slice(0, window.columns))
@@ -244,7 +246,7 @@ def measurements(
         cells["row"].astype(np.int64),
         cells["column"].astype(np.int64),
     )
-    withheld = chosen(points.column, points.row, WITHHELD_SIDE, share) > 0
+    withheld = choose_squares(points.column, points.row, WITHHELD_SIDE, share) > 0
     heights = mean_heights(cells, window, strip_m)
     return Measurements(points, withheld, long_m, long_std_m, _node_slopes(heights, cell_m))
 

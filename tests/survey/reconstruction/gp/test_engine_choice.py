@@ -8,9 +8,9 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import (
     EngineTask,
     choose_engine,
-    condition,
     condition_number,
     expected_error,
+    fit_process,
 )
 from survey.reconstruction.gp.engines.fourier_basis import resolve_for_points
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
@@ -85,7 +85,7 @@ def test_a_mean_that_was_tried_and_did_not_converge_gives_way() -> None:
     assert choose_engine(one).engine == "fourier"
     z = np.random.default_rng(1).standard_normal(3000)
     config = GaussianProcessConfig(memory_mb=5.0)
-    process, choice = condition(
+    process, choice = fit_process(
         "gp", ROUGH, one.xy, z, np.sqrt(one.noise_m2), bounds=one.site, trend="none", config=config
     )
     assert isinstance(process, LocalGaussianProcess)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import condition
+from survey.reconstruction.gp.engine_choice import fit_process
 from survey.reconstruction.gp.engines.fourier_basis import resolve_for_points
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.families import Sum
@@ -35,7 +35,7 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     root = np.linalg.cholesky(kernel.covariance(xy, xy) + 0.01 * np.eye(900))
     z = root @ rng.standard_normal(900)
     config = GaussianProcessConfig(memory_mb=40.0)
-    fast, _ = condition("gp", kernel, xy, z, sigma, bounds=SITE, trend="constant", config=config)
+    fast, _ = fit_process("gp", kernel, xy, z, sigma, bounds=SITE, trend="constant", config=config)
     dense = DenseGaussianProcess.fit(xy, z, sigma, kernel, trend="constant")
     places = rng.uniform(0.0, 300.0, (400, 2))
     mean, variance = fast.predict(places)
