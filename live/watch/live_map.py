@@ -364,7 +364,7 @@ class LiveMap:
             memory_mb=self.memory_mb, slope_passes=1, far_bias_sigma_m=0.0, landmark_shared_sigma_m=0.0
         )
         terrain = self._terrain(_one_offset(max(shared_m, _LEAST_SHARED_M)), joint)
-        return terrain.solved(points, self.grid.bounds).terrain.fields(self.grid)
+        return terrain.solve(points, self.grid.bounds).terrain.fields(self.grid)
 
     def _terrain(self, path: PathError, joint: JointConfig) -> JointTerrain:
         config = GaussianProcessConfig(fit=False, kernel=self.kernel, nugget_m=self.nugget_m, mean="plane")

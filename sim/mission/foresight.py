@@ -202,7 +202,7 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     stated = joint.satellite.model_copy(update={"sigma_m": sigma_m})
     prior = world.prior if mission.reconstruction.use_prior else None
     model = JointTerrain(path.error, prior, config, joint.model_copy(update={"satellite": stated}))
-    return model.solved(points, world.area.bounds), route
+    return model.solve(points, world.area.bounds), route
 
 
 def _planned(mission: MissionConfig, world: World) -> Route:

@@ -57,11 +57,11 @@ class JointTerrain:
         """Estimate the terrain on a grid, and the path; test the standard deviation unless hyperparameters are stated."""
         same_crs(points.crs, grid.crs, "the points and the grid")
         wanted = self.config.fit if self.config.calibrate is None else self.config.calibrate
-        return checked_map(self.solved(points, grid.bounds), grid, area, is_tested=wanted)
+        return checked_map(self.solve(points, grid.bounds), grid, area, is_tested=wanted)
 
-    def solved(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
+    def solve(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
         """Solve for the terrain within bounds (xmin, ymin, xmax, ymax) [m], and the path."""
-        return self.completed(self.from_points(points, bounds))
+        return self.complete(self.from_points(points, bounds))
 
     def from_points(
         self, points: SurfacePoints, bounds: Bounds, candidates: list[Hyperparameters] | None = None
@@ -75,7 +75,7 @@ class JointTerrain:
         )
         return PointsOnly(points, bounds, residuals.slope, fitted, terrain, cache(residuals.lengths))
 
-    def completed(self, alone: PointsOnly) -> JointSolution:
+    def complete(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
         points, bounds, slope = alone.points, alone.bounds, alone.slope
         highest = self.builder.highest_rad_per_m(points)
