@@ -89,6 +89,7 @@ LEVEL = 0.01
 _SIGMAS_95 = 1.959964
 _N_BINS = 3
 _N_LEAST = 10
+# Factor that the standard deviation is widened by at most.
 _MOST_WIDENED = 30.0
 
 

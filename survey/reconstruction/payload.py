@@ -113,11 +113,13 @@ def lag_response(duration_s: FloatArray, lag_s: float) -> FloatArray:
 
 FAMILIES: tuple[type[Stationary], ...] = (Matern32, Matern52, SquaredExponential)
 """Covariance functions that a fit chooses from."""
+# Added to the diagonal, as a share of the variance: readings of one place leave the covariance singular.
 _JITTER = 1e-9
 _AT_ONCE = 4096
 _FIRST_SHARES = (0.05, 0.2)
 _LONGEST = 5.0
 _LEAST_WEIGHT = 0.01
+# Step of the second differences at the maximum of the likelihood.
 _DIFFERENCE = 0.1
 # Readings within less than this are taken as of one place [m].
 _LEAST_EXTENT_M = 1.0

@@ -39,9 +39,11 @@ from survey.reconstruction.observations import (
 )
 from survey.reconstruction.terrain_map import CHECK, ELEVATION, UNSEEN, support_codes
 
+# Shares of the points that are left out: in all discs, at most in one of the widest, and one by one.
 _SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
 # Without enough points to say otherwise the scale is 1, give or take 30 %.
 _PRIOR_LOG_SD = 0.3
+# Ranges of distance with a factor each; with fewer points left out, or kept, there is none.
 _N_BINS = 3
 _LEAST_HELD_OUT = 30
 _N_TRIED = 6000

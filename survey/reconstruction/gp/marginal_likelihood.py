@@ -86,7 +86,8 @@ N_SEARCHED = 640
 LONGEST_SHARE = 1.5
 """Longest landforms over the extent of the points: longer ones are planes, and would take waves that the others need."""
 _N_CLUSTERS = 16
-# Stretch and directions [deg] of the start of an anisotropic kernel, and the strongest stretch.
+# Stretch and directions [deg] of the starts of an anisotropic kernel, and the strongest stretch: the likelihood has several
+# maxima over the direction.
 _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 

@@ -130,7 +130,9 @@ def _coverage(error: FloatArray, variance: FloatArray) -> float:
 
 # Distances to the nearest measured node that part the classes, in steps; the first class is measured itself.
 _CLASSES_IN_STEPS = (0.5, 1.5, 3.0, 6.0)
+# From this class on ground is far from points, and a bound is no narrower than that of normal errors.
 _FAR_CLASS = 3
+# Share of errors beyond a bound.
 _MISS = 0.02
 _N_SIGHTS, _N_SAMPLED = 6, 2_000
 _SINGLE_SHARE = 0.1

@@ -107,9 +107,11 @@ difference of mean heights [m] and of the part of it that other places of the po
 BLOCK_CELLS = 32
 _LEAST_CELLS = 8
 _OUTLIER_SIGMAS = 4.0
+# Standard deviation of normal errors over their median absolute deviation.
 _MAD_TO_SIGMA = 1.4826
 # A difference beyond this is no strip error but a tree, a snow bank or ice that moved.
 _LARGEST_M = 20.0
+# Variance of a place anywhere in a cell, over its side squared.
 _SLOPE_PART = 1.0 / 12.0
 
 

@@ -236,6 +236,7 @@ class FourierProducts(Process):
 
 
 _N_NEAREST = 12
+# Places at once, each with a matrix of its neighbours: 12 MB.
 _BLOCK = 10_000
 
 

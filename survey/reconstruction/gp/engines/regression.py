@@ -197,6 +197,7 @@ class Process(ABC):
 
 MEMORY_MB = 2000.0
 
+# Places at once, which bounds the memory of their covariance with all points.
 _BLOCK = 1000
 
 

@@ -32,6 +32,7 @@ from survey.reconstruction.gp.engines.regression import (
 from survey.reconstruction.gp.engines.tiles import HALO_LENGTHS, N_NEAREST, SiteTree, TileGrid, halo_m
 from survey.reconstruction.gp.kernels import Kernel
 
+# The trend needs few points: they are factorized densely.
 _N_FOR_TREND = 800
 Tile = TypeVar("Tile")
 Places = TypeVar("Places", IntArray, BoolArray)

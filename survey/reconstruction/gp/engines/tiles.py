@@ -14,7 +14,8 @@ from survey.reconstruction.gp.engines.fourier_basis import resolve_within
 from survey.reconstruction.gp.kernels import Kernel
 
 HALO_LENGTHS = 7.0
-"""Width of the halo in length scales; at 7 the map differs from that of one solve by less than a centimetre."""
+"""Width of the halo in length scales. At 7 the map differs from that of one solve by less than a centimetre; smooth terrain
+with precise points reaches far, and 3.4 length scales left errors of 0.56 m, 6.2 of 0.03 m."""
 _LARGEST_HALVINGS = 7
 N_NEAREST = 256
 """Points on which a small tile is conditioned."""
