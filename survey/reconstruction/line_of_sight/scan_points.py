@@ -5,7 +5,7 @@ attitude turns at a constant rate. What this leaves out is estimated from the pa
 one interval to the next, the error at a share s of an interval is about s (1 - s) / 2 · A'', for the larger change at its
 two ends. `covariance_by_pose` is the error that places have by the poses they were seen from.
 
-`register_scans` places the returns of every scan in the world, compensated for the motion during the scan, and rejects
+`place_scans` places the returns of every scan in the world, compensated for the motion during the scan, and rejects
 outliers. `representatives_of_stretches` takes one return for each cell of ground and visit, and `select_returns` retains the best of
 several visits. `scan_points` runs these steps and returns surface points with the covariance that they share through
 the errors of the path.
@@ -136,7 +136,7 @@ class RegisteredReturns(NamedTuple):
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def register_scans(
+def place_scans(
     scans: Iterable[SensorScan], poses: PathInterpolator, config: ScanPointsConfig
 ) -> Iterator[RegisteredReturns]:
     """Yield each scan that the path covers in the world, without returns that are too near, too far, or alone.
@@ -327,7 +327,7 @@ def scan_points(
     """
     config = config or ScanPointsConfig()
     poses = PathInterpolator(path)
-    parts = list(representatives_of_stretches(register_scans(scans, poses, config), config))
+    parts = list(representatives_of_stretches(place_scans(scans, poses, config), config))
     if not sum(len(part.time_s) for part in parts):
         raise InputError(
             f"no scan has returns between {config.nearest_m:g} and {config.farthest_m:g} m in the time of the path, "

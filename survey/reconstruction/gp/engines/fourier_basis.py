@@ -396,7 +396,7 @@ def resolve_for_points(
 
     The relief of the waves left out is then in the predicted variance as noise of no
     extent: right far from points, too cautious beside them, where the nearest points
-    give a better bound (`variance_from_nearest`).
+    give a better bound (`nearest_variance_bound`).
     """
     sharpest = sharpest_std_m(kernel, xy, noise_m2)
     exact = resolve_within(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)

@@ -4,7 +4,7 @@ The time is that of one dense factorization of a few thousand weights, whatever 
 nodes: the points enter through one non-uniform transform, the maps leave through two matrix products.
 
 `MarginalLikelihood` gives the likelihood of the points and leave-one-out predictions, `FourierProducts` joint samples, sums
-and slopes. `variance_from_nearest` is an upper bound on the posterior variance by the nearest points.
+and slopes. `nearest_variance_bound` is an upper bound on the posterior variance by the nearest points.
 `FourierGaussianProcess` is the engine.
 """
 
@@ -240,7 +240,7 @@ _N_NEAREST = 12
 _BLOCK = 10_000
 
 
-def variance_from_nearest(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> FloatArray:
+def nearest_variance_bound(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> FloatArray:
     r"""Return the posterior variance (M,) [m²] at places (M, 2) given their twelve nearest points only.
 
     .. math::  v = k(0) - k_n^T (K_n + N_n)^{-1} k_n
@@ -256,7 +256,7 @@ def variance_from_nearest(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> 
 
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> one = NoisyValues.of(np.zeros((1, 2)), np.zeros(1), np.array([2.0]))
-    >>> variance_from_nearest(SquaredExponential(4.0, 10.0), one, np.zeros((1, 2)))
+    >>> nearest_variance_bound(SquaredExponential(4.0, 10.0), one, np.zeros((1, 2)))
     array([2.])
     """
     tree = cKDTree(data.xy)
@@ -550,7 +550,7 @@ class FourierGaussianProcess(FourierProducts):
         """Return the variance (M,) [m²]; where waves are left out, no more than given the nearest points."""
         if self.resolution.is_met:
             return variance
-        return np.minimum(variance, variance_from_nearest(self.kernel, self.data, xy))
+        return np.minimum(variance, nearest_variance_bound(self.kernel, self.data, xy))
 
     def record(self) -> dict[str, Any]:
         """Return name and resolution of the engine for the record."""
