@@ -20,9 +20,9 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
+from survey.reconstruction.gp.engine_choice import fit_process
 from survey.reconstruction.gp.families import Sum
 from survey.reconstruction.gp.kernels import SquaredExponential
-from survey.reconstruction.gp.process import conditioned
 from survey.terrain import ice_micro_relief, random_dem
 from survey.terrain.random_fields import squared_exponential_field
 
@@ -116,7 +116,7 @@ def _gain_of_generator(site: Site, seed: int) -> float:
     """How far the RMSE falls with the very kernel that the terrain was drawn from: no method does better on average."""
     points, height = surface_points(site, seed), site.height_m(MAPPED.xy).reshape(MAPPED.shape)
     kernel = Sum(*(SquaredExponential((site.scale * a) ** 2, length) for a, length in FIELDS))
-    best = conditioned(
+    best, _ = fit_process(
         "gp",
         kernel,
         points.xy,

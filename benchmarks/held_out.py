@@ -180,7 +180,7 @@ def _left_out(drive: Drive, *, with_prior: bool) -> LeftOut:
     """Map a drive with its satellite or without, and predict the swaths that are left out."""
     assert drive.found.trajectory.error is not None
     model = JointTerrain(drive.found.trajectory.error, drive.prior if with_prior else None)
-    solution = model.solved(drive.found.points, drive.grid.bounds)
+    solution = model.solve(drive.found.points, drive.grid.bounds)
     held_out, alone = (held_out_swaths(one) for one in (solution, replace(solution, average=None)))
     assert held_out is not None
     assert alone is not None
@@ -219,7 +219,7 @@ def _surveyed(seed: int, group: Group) -> Outcome:
         path = PathError(path.time_s, path.information / _UNDERSTATED, path.n_states)
     grid = survey.Grid.over(world.area.bounds, _GRID_STEP_M, world.area.crs)
     model = JointTerrain(path, world.prior, _NO_LANDFORMS if group == "kernel" else GaussianProcessConfig())
-    solution, map_s = cpu_seconds(lambda: model.solved(points, grid.bounds))
+    solution, map_s = cpu_seconds(lambda: model.solve(points, grid.bounds))
     plain = solution.on(grid).reconstruction
     check = check_by_swaths(solution)
     assert check is not None

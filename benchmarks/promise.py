@@ -39,7 +39,7 @@ from survey.core.arrays import FloatArray
 from survey.core.executors import run_all
 from survey.core.streams import stream
 from survey.reconstruction.gp.families import SearchedFamily
-from survey.reconstruction.gp.kernel_search import KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import KernelSearch, map_surveys
 from survey.terrain import random_dem, satellite_copy
 
 JUDGED_SEED = 27_182
@@ -274,7 +274,7 @@ def heights_at(site: Site, xy: FloatArray, task: Task, *names: str | int) -> Flo
 def map_error(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float) -> float:
     """Return the root mean square error of the Gaussian process fitted to a survey [m]."""
     columns = heights[:, None]
-    mean, _ = mapped(xy, columns, KernelSearch(xy, columns, noise_m).found(), site.nodes)
+    mean, _ = map_surveys(xy, columns, KernelSearch(xy, columns, noise_m).search(), site.nodes)
     return float(np.sqrt(np.mean((mean[:, 0] - site.terrain.at(site.nodes)) ** 2)))
 
 

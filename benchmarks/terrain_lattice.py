@@ -34,7 +34,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.field_posterior import Stiffness
-from survey.reconstruction.lattice.solver import Operator, solve
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import solve
 from survey.reconstruction.lattice.spring_lattice import nearest_nodes
 
 PACKAGES = ("numpy", "scipy", "numba", "octomap-python")

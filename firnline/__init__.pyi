@@ -65,11 +65,11 @@ from survey.reconstruction.gp.kernels import Kernel as Kernel
 from survey.reconstruction.gp.mean import Mean as Mean
 from survey.reconstruction.lattice.config import FieldLatticeConfig as FieldLatticeConfig
 from survey.reconstruction.lattice.config import SpringLatticeConfig as SpringLatticeConfig
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig as ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import BeamErrors as BeamErrors
+from survey.reconstruction.line_of_sight.scan_points import scan_points as scan_points
 from survey.reconstruction.mapping import reconstruct as reconstruct
 from survey.reconstruction.prior import SatelliteErrors as SatelliteErrors
-from survey.reconstruction.registration.config import ScanPointsConfig as ScanPointsConfig
-from survey.reconstruction.registration.scan_points import BeamErrors as BeamErrors
-from survey.reconstruction.registration.scan_points import scan_points as scan_points
 from survey.reconstruction.terrain_map import Reconstruction as Reconstruction
 from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics

@@ -78,7 +78,7 @@ def _solutions(
     fitted, kernel_s = cpu_seconds(lambda: model.from_points(points, survey.nodes.bounds))
     for prior, dem in cells.items():
         joint = JointConfig(satellite=SatelliteErrors(product=classes[prior]))
-        yield prior, replace(model, satellite=dem, joint=joint).completed(fitted), kernel_s
+        yield prior, replace(model, satellite=dem, joint=joint).complete(fitted), kernel_s
 
 
 def _judged(solution: JointSolution, survey: Survey, kernel_s: float) -> Outcome:

@@ -179,7 +179,7 @@ def _mapped(
     is_oracle: bool = False,
 ) -> Outcome:
     start = time.process_time()
-    solution = replace(localized.model, satellite=cells, joint=_joint(errors)).completed(fitted)
+    solution = replace(localized.model, satellite=cells, joint=_joint(errors)).complete(fitted)
     found = checked_map(solution, NODES, None, is_tested=name in _TESTED and not is_oracle)
     seconds = time.process_time() - start
     result = found.reconstruction

@@ -51,7 +51,7 @@ def map_rows(quick: bool) -> Iterator[Row]:
     yield from _rows(name, taken_s, (mean, std), wide.of_samples(xyz, sigma, _SHARED_M))
     name = f"update with {len(points)} landmarks of {len(error)} keyframes"
     (mean, std), taken_s = fastest(lambda: live.of_landmarks(points, error), 3)
-    batch = JointTerrain(error, None, KERNEL, JointConfig()).solved(points, grid.bounds).terrain.fields(grid)
+    batch = JointTerrain(error, None, KERNEL, JointConfig()).solve(points, grid.bounds).terrain.fields(grid)
     yield from _rows(name, taken_s, (mean, std), batch)
 
 

@@ -64,7 +64,7 @@ def _later(early: Drive, seed: int) -> Drive:
 def _mean_height(drive: Drive) -> tuple[float, float]:
     """Return the mean height of the map of the epoch [m], and its standard deviation."""
     found = localize(drive.recording, drive.mission.assumed, motion=drive.prior())
-    solution = joint_terrain(found, TERRAIN).solved(found.points, drive.nodes.bounds)
+    solution = joint_terrain(found, TERRAIN).solve(found.points, drive.nodes.bounds)
     return area_mean(solution, drive.nodes)
 
 

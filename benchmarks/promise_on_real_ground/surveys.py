@@ -20,7 +20,7 @@ from planners.prediction import places
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, map_surveys
 
 STEP_M = 10.0
 SHARED_M = 0.05
@@ -152,8 +152,8 @@ def measured(site: Site, task: Task, xy: FloatArray, *names: str | int) -> Float
 
 def map_error_m(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float) -> float:
     """Return the root mean square error of the Gaussian process fitted to a survey [m]."""
-    found = KernelSearch(xy, heights[:, None], noise_m, ALL, most=100).found()
-    mean, _ = mapped(xy, heights[:, None], found, site.nodes)
+    found = KernelSearch(xy, heights[:, None], noise_m, ALL, most=100).search()
+    mean, _ = map_surveys(xy, heights[:, None], found, site.nodes)
     return float(np.sqrt(np.mean(np.square(mean[:, 0] - site.terrain.at(site.nodes)))))
 
 

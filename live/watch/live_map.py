@@ -336,7 +336,7 @@ class LiveMap:
         terrain = self._terrain(path, JointConfig())
         start = terrain.from_points(points, self.grid.bounds)
         found, memory_mb = start.candidates[0], self.memory_mb
-        system = terrain.system(points, self.grid.bounds, found, start.slope, memory_mb=memory_mb)
+        system = terrain.builder.build(points, self.grid.bounds, found, start.slope, memory_mb=memory_mb)
         return segment_map(system, path, points, self.grid, self.nugget_m)
 
     def of_samples(
@@ -364,7 +364,7 @@ class LiveMap:
             memory_mb=self.memory_mb, slope_passes=1, far_bias_sigma_m=0.0, landmark_shared_sigma_m=0.0
         )
         terrain = self._terrain(_one_offset(max(shared_m, _LEAST_SHARED_M)), joint)
-        return terrain.solved(points, self.grid.bounds).terrain.fields(self.grid)
+        return terrain.solve(points, self.grid.bounds).terrain.fields(self.grid)
 
     def _terrain(self, path: PathError, joint: JointConfig) -> JointTerrain:
         config = GaussianProcessConfig(fit=False, kernel=self.kernel, nugget_m=self.nugget_m, mean="plane")

@@ -454,7 +454,7 @@ def posterior_from_survey(
         return KernelSearch(xy[chosen], heights[chosen, None], noise_m, ALL, most=len(chosen))
 
     if localization_m > 0.0:
-        stated = localized_noise_m(stated, localization_m, search(stated).found()[0].kernel)
+        stated = localized_noise_m(stated, localization_m, search(stated).search()[0].kernel)
     plausible = search(stated).plausible()
     unseen_m2 = max(sum(weight * one.noise_m**2 for one, weight in plausible) - stated**2, 0.0)
     found = [

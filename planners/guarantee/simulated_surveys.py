@@ -28,7 +28,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, map_surveys
 from survey.reconstruction.gp.kernels import SquaredExponential, Stationary
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, kernel_field
 
@@ -223,8 +223,8 @@ class SimulatedSurveys:
             heights[:, column] += one.noise_m * rng.standard_normal(len(xy))
             heights[:, column] += self.requirement.shared_m * rng.standard_normal()
             actual[:, column] += np.sqrt(one.unseen_m2) * rng.standard_normal(len(actual))
-        found = KernelSearch(xy, heights, one.noise_m, ALL, most=_LEARNED).found()
-        mean, _ = mapped(xy, heights, found, self.nodes)
+        found = KernelSearch(xy, heights, one.noise_m, ALL, most=_LEARNED).search()
+        mean, _ = map_surveys(xy, heights, found, self.nodes)
         rmse_m = np.sqrt(np.mean(np.square(mean - actual), axis=0))
         return SimulatedErrors(rmse_m, tuple(one.name for one in drawn))
 

@@ -93,7 +93,7 @@ def predict_survey(mission: MissionConfig, world: World, *, limit_m: float) -> P
             "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
         )
     model, points, route = _model_of(mission, world)
-    covariance = model.solved(points, world.area.bounds).terrain.covariance(
+    covariance = model.solve(points, world.area.bounds).terrain.covariance(
         spread_places(world.area, _N_NODES)
     )
     n = len(covariance)

@@ -15,10 +15,10 @@ from sim.config.mission import MissionConfig
 from sim.simulate.simulated_drive import ONBOARD
 from sim.world.moving_ice import assumed_motion, epoch_of
 from survey.data.ice_motion import ICE_MOTION, read_motion, write_motion
+from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.epoch import in_fixed_frame, with_age
 from survey.reconstruction.motion.refinement import refined_motion
-from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.drive_estimate import Localization
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry

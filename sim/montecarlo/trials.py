@@ -37,7 +37,7 @@ from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.path_error import PathError
-from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, map_surveys
 from survey.reconstruction.policy import map_landmarks
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 from survey.terrain.synthetic import ice_micro_relief, random_dem
@@ -200,10 +200,10 @@ def _maps(
     if isinstance(how, ReconstructedMap):
         return _reconstructed(world, how, xy, heights, mine)
     if isinstance(how, SearchedMap):
-        found = KernelSearch(xy, heights, _noise_m(world.study), how.families).found()
+        found = KernelSearch(xy, heights, _noise_m(world.study), how.families).search()
     else:
         found = [_given(how, world.study)] * len(mine)
-    mean, claimed = mapped(xy, heights, found, world.nodes.xy)
+    mean, claimed = map_surveys(xy, heights, found, world.nodes.xy)
     kernels = [(k.cell.family, k.cell.length_scale_m, float(np.sqrt(k.variance_m2))) for k in found]
     return _Mapped(mean, claimed, kernels, len(xy))
 

@@ -148,6 +148,7 @@ def hazard_grid(grid: Grid) -> Grid:
     return grid if factor <= 1 else Grid.over(grid.bounds, factor * grid.step_m, grid.crs)
 
 
+# Nodes of the quadrature along the expected slope, and its reach in standard deviations: beyond is less than rounding.
 _N_NODES = 64
 _REACH = 8.0
 _LEAST_SHARE = 1e-6

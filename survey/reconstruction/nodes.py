@@ -8,7 +8,6 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
-from scipy.ndimage import distance_transform_edt
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import CapacityError, InputError
@@ -225,6 +224,9 @@ def away_from(measured: BoolArray) -> FloatArray:
     """Return the distance of every node (H, W) from the nearest measured one, in steps."""
     if not measured.any():
         return np.full(measured.shape, np.inf)
+    # Here, because every command that knows the methods would load it.
+    from scipy.ndimage import distance_transform_edt
+
     away: FloatArray = distance_transform_edt(~measured)
     return away
 

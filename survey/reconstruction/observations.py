@@ -96,10 +96,13 @@ def variance_through_slope(covariance: FloatArray, slope: FloatArray) -> FloatAr
     return result
 
 
+# Smaller errors are named in no survey, however few points it has.
 _SUSPECT_Z = 4.0
 # Chance that a survey without a single outlier names one.
 _FALSE_ALARM = 0.05
+# Beyond it the variance of a point grows with its error, so that its pull on the surface does not.
 _TRUSTED_Z = 2.5
+# Rows in the record.
 _N_NAMED = 20
 
 

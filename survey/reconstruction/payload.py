@@ -113,11 +113,13 @@ def lag_response(duration_s: FloatArray, lag_s: float) -> FloatArray:
 
 FAMILIES: tuple[type[Stationary], ...] = (Matern32, Matern52, SquaredExponential)
 """Covariance functions that a fit chooses from."""
+# Added to the diagonal, as a share of the variance: readings of one place leave the covariance singular.
 _JITTER = 1e-9
 _AT_ONCE = 4096
 _FIRST_SHARES = (0.05, 0.2)
 _LONGEST = 5.0
 _LEAST_WEIGHT = 0.01
+# Step of the second differences at the maximum of the likelihood.
 _DIFFERENCE = 0.1
 # Readings within less than this are taken as of one place [m].
 _LEAST_EXTENT_M = 1.0
@@ -137,7 +139,7 @@ class PayloadProcess:
     """Posterior of a quantity given averages of readings.
 
     `readings`: averages, places and response of the sensor. `elevation_m` (n,): elevation at the places [m].
-    `hyperparameters`: as `fitted` finds them, or as they are known.
+    `hyperparameters`: as `fit_hyperparameters` finds them, or as they are known.
     """
 
     def __init__(
@@ -186,7 +188,7 @@ class PayloadProcess:
         return np.column_stack([np.ones(len(elevation_m)), elevation_m - self._datum_m])
 
 
-def fitted(
+def fit_hyperparameters(
     readings: AveragedReadings,
     elevation_m: FloatArray,
     noise_sd: float,
@@ -343,7 +345,7 @@ def map_payload(
     placed = [_on_terrain(log.placed(path), terrain) for log, path in zip(logs, trajectories, strict=True)]
     few = AveragedReadings.of(placed, _N_FITTED)
     weighted = (
-        fitted(few, terrain.at(few.xy), placed[0].quantity.noise_sd)
+        fit_hyperparameters(few, terrain.at(few.xy), placed[0].quantity.noise_sd)
         if hyperparameters is None
         else [(1.0, hyperparameters)]
     )
@@ -351,7 +353,7 @@ def map_payload(
     processes = [(w, PayloadProcess(readings, terrain.at(readings.xy), found)) for w, found in weighted]
     elevation = terrain.at(grid.xy)
     sigma_m = np.zeros(len(elevation)) if terrain_std is None else np.nan_to_num(terrain_std.at(grid.xy))
-    mean, std = mixture(
+    mean, std = mixture_of_parts(
         [w for w, _ in processes], [process.at(grid.xy, elevation, sigma_m) for _, process in processes]
     )
     datum, n_readings = terrain.vertical_datum, sum(len(log) for log in placed)
@@ -366,13 +368,13 @@ def map_payload(
     )
 
 
-def mixture(
+def mixture_of_parts(
     weights: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of a mixture of distributions with means and standard deviations.
 
     >>> one = np.ones(1)
-    >>> mean, std = mixture([0.5, 0.5], [(0.0 * one, one), (2.0 * one, one)])
+    >>> mean, std = mixture_of_parts([0.5, 0.5], [(0.0 * one, one), (2.0 * one, one)])
     >>> float(mean[0]), round(float(std[0]), 3)
     (1.0, 1.414)
     """

@@ -13,14 +13,11 @@ from survey.core.errors import InputError
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig
 from survey.reconstruction.method import ReconstructionMethod
-from survey.reconstruction.methods.carving import CARVING
-from survey.reconstruction.methods.emap import EMAP
-from survey.reconstruction.methods.field import FIELD
-from survey.reconstruction.methods.gaussian_process import DENSE, GP
-from survey.reconstruction.methods.joint import JOINT
+from survey.reconstruction.methods.gaussian_process import DENSE, GP, JOINT
+from survey.reconstruction.methods.scans import CARVING, EMAP, FIELD
 from survey.reconstruction.methods.triangulation import TIN
-from survey.reconstruction.registration.config import ScanPointsConfig
 
 METHODS: dict[str, ReconstructionMethod] = {
     method.name: method for method in (GP, JOINT, DENSE, TIN, FIELD, EMAP, CARVING)

@@ -17,6 +17,7 @@ from survey.data.sensors.odometry import DriveTies
 from survey.interchange.scans import read_sensor_scans
 from survey.io.column_names import parse_columns
 from survey.reconstruction.joint.drives import SeveralDrives
+from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
 from survey.reconstruction.mapping import within
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.epoch import at_epoch, with_age
@@ -28,7 +29,6 @@ from survey.reconstruction.observations import (
     without_blunders,
 )
 from survey.reconstruction.policy import map_landmarks
-from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.fusion.pose_constraints import tie_drives
 

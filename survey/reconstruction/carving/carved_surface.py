@@ -2,11 +2,14 @@
 
 `Cloud` holds the points in the coordinates of the frame, those held back for validation among them, and gives the
 lines of sight of a pass. `CarvedSurface` learns from them pass by pass. `Pass` is the record of one pass.
-`support_codes` states for every node whether points measured it, lie within reach, or rays alone bound it.
+`support_of_nodes` states for every node whether points measured it, lie within reach, or rays alone bound it.
+
+`write_carving` and `read_carving` write a fitted model to one file and read it.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +18,14 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.config import validated
 from survey.data.surface_points import SurfacePoints
+from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m
 from survey.reconstruction.carving.descent import (
     MOST_PER_POINT,
     Bases,
+    Columns,
     Fresh,
     LevelCells,
     Rasters,
@@ -334,7 +340,7 @@ def pass_of(tally: Tally, length_m: float, validationrmse_m: float) -> Pass:
     )
 
 
-def rms(errors: FloatArray) -> float:
+def root_mean_square(errors: FloatArray) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(errors**2)))
 
@@ -342,7 +348,7 @@ def rms(errors: FloatArray) -> float:
 Codes = npt.NDArray[np.uint8]
 
 
-def support_codes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: bool) -> Codes:
+def support_of_nodes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: bool) -> Codes:
     """Return the support codes (H, W) of nodes: a point within half a step, rays over it, a point within reach.
 
     `reach_m`: distance within which a point determines the surface [m].
@@ -357,3 +363,79 @@ def support_codes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: boo
         lowest.add(window, cloud.origins, cloud.xyz, np.zeros(len(cloud)))
         codes = np.where(lowest.covered(), RAY_BOUNDED, codes)
     return np.where(hit, MEASURED, codes).astype(np.uint8)
+
+
+_FORMAT = "firnline space-carving kernels 1"
+
+
+class CarvingState(NamedTuple):
+    """Everything that a fitted space-carving model is made of."""
+
+    config: SpaceCarvingConfig
+    where: CarvingFrame
+    frame: Frame
+    cloud: Cloud
+    surfaces: dict[str, CarvedSurface]
+    spread_m: float
+    n_scans: int
+    n_ghosts: int
+    n_learned: int
+
+
+def write_carving(path: str | Path, model: CarvingState) -> None:
+    """Write a model; equal models give equal bytes."""
+    where, cloud = model.where, model.cloud
+    facts = {
+        "config": model.config.model_dump(),
+        "place": [where.west, where.south, where.step_m, where.datum_m],
+        "crs": where.crs.to_wkt(),
+        "vertical_datum": where.vertical_datum,
+        "size_m": [model.frame.width_m, model.frame.height_m],
+        "spread_m": model.spread_m,
+        "n_scans": model.n_scans,
+        "n_ghosts": model.n_ghosts,
+        "n_learned": model.n_learned,
+        "steps": {name: list(surface.step) for name, surface in model.surfaces.items()},
+    }
+    arrays: dict[str, Any] = {
+        "hits": cloud.xyz,
+        "origins": cloud.origins,
+        "sigma_m": cloud.sigma_m,
+        "held": cloud.held,
+    }
+    for name, surface in model.surfaces.items():
+        arrays |= {f"{name}_{column}": v for column, v in surface.bases().columns()._asdict().items()}
+        arrays[f"{name}_raster"] = surface.raster
+    write_arrays(path, _FORMAT, facts, arrays)
+
+
+def read_carving(path: str | Path) -> CarvingState:
+    """Read what `write_carving` wrote."""
+    facts, arrays = read_arrays(path, _FORMAT)
+    config = validated(SpaceCarvingConfig, facts["config"], "the settings of the space-carving kernels")
+    crs = CRS.from_wkt(facts["crs"])
+    width_m, height_m = facts["size_m"]
+    frame = Frame.over(width_m, height_m, config.lengths_m())
+    west, south, step_m, datum_m = facts["place"]
+    none = Bases.none(frame.cells)
+    surfaces = {
+        name: CarvedSurface(
+            frame,
+            Step(*step),
+            none.merged(Columns(*(arrays[f"{name}_{column}"] for column in Columns._fields))),
+            none,
+            arrays[f"{name}_raster"],
+        )
+        for name, step in facts["steps"].items()
+    }
+    return CarvingState(
+        config,
+        CarvingFrame(west, south, step_m, datum_m, crs, facts["vertical_datum"]),
+        frame,
+        Cloud(arrays["hits"], arrays["origins"], arrays["sigma_m"], arrays["held"]),
+        surfaces,
+        facts["spread_m"],
+        facts["n_scans"],
+        facts["n_ghosts"],
+        facts["n_learned"],
+    )

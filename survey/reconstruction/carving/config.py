@@ -1,6 +1,6 @@
 """Settings of the space-carving kernels, and the memory that they take.
 
-`needed_mb` estimates the memory from the extent, the length scales and the number of points; `require_room` refuses what
+`needed_mb` estimates the memory from the extent, the length scales and the number of points; `require_kernel_memory` refuses what
 would not fit before any work starts, and names the smallest length scale that does.
 """
 
@@ -110,7 +110,7 @@ def needed_mb(config: SpaceCarvingConfig, width_m: float, height_m: float, n_poi
     return float(n_surfaces * needed / 1e6)
 
 
-def require_room(config: SpaceCarvingConfig, width_m: float, height_m: float, n_points: int) -> None:
+def require_kernel_memory(config: SpaceCarvingConfig, width_m: float, height_m: float, n_points: int) -> None:
     """Refuse ground and points that would not fit the memory allowed, and name the length scale that does."""
     needed = needed_mb(config, width_m, height_m, n_points)
     if needed > config.memory_mb:

@@ -200,7 +200,7 @@ def add_fresh(fresh: Fresh, x: float, y: float, weight: float, made_by: int) -> 
         fresh.n[0] += 1
         fresh.before[new] = block
         fresh.filled[new] = 0
-        # What is not taken must add nothing: blocks are summed whole.
+        # Unused entries are zero, since blocks are summed completely.
         fresh.weight[new * _BLOCK : (new + 1) * _BLOCK] = 0.0
         fresh.x[new * _BLOCK : (new + 1) * _BLOCK] = x
         fresh.y[new * _BLOCK : (new + 1) * _BLOCK] = y

@@ -18,16 +18,18 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.carved_surface import (
     CarvedSurface,
     CarvingFrame,
+    CarvingState,
     Cloud,
     Codes,
     Frame,
     Pass,
     pass_of,
-    rms,
-    support_codes,
+    read_carving,
+    root_mean_square,
+    support_of_nodes,
+    write_carving,
 )
-from survey.reconstruction.carving.carving_file import CarvingState, read_carving, write_carving
-from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m, require_room
+from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m, require_kernel_memory
 from survey.reconstruction.carving.descent import BY_POINT, BY_RAY, Step
 from survey.reconstruction.line_of_sight.returns import checked_origins, ghosts
 from survey.reconstruction.nodes import NodeWindow
@@ -154,7 +156,7 @@ class SpaceCarvingKernel(TerrainModel):
                 name: surface.learn(sights, order, level, n_steps) for name, surface in self.surfaces_.items()
             }
             n_steps += len(order)
-            self.spread_m_ = rms(self.surfaces_[MEAN].latest_heights() - sights.xyz[:, 2])
+            self.spread_m_ = root_mean_square(self.surfaces_[MEAN].latest_heights() - sights.xyz[:, 2])
             self.passes_.append(pass_of(tallies[MEAN], float(length_m), self._validation_m()))
             yield self.passes_[-1]
             if self._has_converged():
@@ -317,7 +319,7 @@ class SpaceCarvingKernel(TerrainModel):
         west, south = (int(n) for n in np.floor(low / place.step_m + 1e-6))
         moved = place._replace(west=west, south=south)
         width_m, height_m = (float(side) for side in high - moved.corner[:2])
-        require_room(self.config, width_m, height_m, len(self.cloud) + len(xy))
+        require_kernel_memory(self.config, width_m, height_m, len(self.cloud) + len(xy))
         frame = Frame.over(width_m, height_m, self.config.lengths_m())
         if self.surfaces_:
             shift = place.west - west, place.south - south
@@ -329,7 +331,7 @@ class SpaceCarvingKernel(TerrainModel):
     def _validation_m(self) -> float:
         """Return the root mean square error at the points held back [m]; NaN without any."""
         held = self.cloud.xyz[self.cloud.held]
-        return rms(self.mean_surface.heights(held[:, :2]) - held[:, 2]) if len(held) else np.nan
+        return root_mean_square(self.mean_surface.heights(held[:, :2]) - held[:, 2]) if len(held) else np.nan
 
     def _has_converged(self) -> bool:
         """Return whether violations are small enough, or the error of the points held back has grown."""
@@ -379,7 +381,7 @@ class SpaceCarvingKernel(TerrainModel):
         nodes = self._support_nodes()
         if self._codes is None:
             reach_m = self.config.first_length_m
-            self._codes = support_codes(nodes, self.cloud, reach_m, rays=self.config.carve)
+            self._codes = support_of_nodes(nodes, self.cloud, reach_m, rays=self.config.carve)
         u, v = np.round(nodes.coordinates(xy - self.where.corner[:2])).astype(np.int64).T
         inside = (u >= 0) & (v >= 0) & (u < nodes.columns) & (v < nodes.rows)
         codes = self._codes[np.where(inside, v, 0), np.where(inside, u, 0)]

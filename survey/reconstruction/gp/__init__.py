@@ -1,5 +1,5 @@
-"""Gaussian processes: kernels and how they are learned, the engines, and the terrain model about a mean.
+"""Gaussian processes: kernels, their hyperparameters, the engines, and the terrain model about a mean.
 
-Begin with `gp_terrain`; `gaussian_process` is the engine in the weights of Fourier waves,
-`dense_gp` the exact one that it is held against.
+Begin with `reference`, the method in the paper's equations; then `fit` and `gp_terrain`. `engines.regression` holds
+the exact engine, `engines.fourier_gp` the fast one.
 """

@@ -112,6 +112,11 @@ class Sum(Kernel):
         return max(reaches)
 
 
+def parts_of(kernel: Kernel) -> tuple[Kernel, ...]:
+    """Return the parts of a sum; every part's first parameter is the logarithm of its variance."""
+    return kernel.parts if isinstance(kernel, Sum) else (kernel,)
+
+
 _SCALES: dict[str, tuple[type[SquaredExponential | Matern32], ...]] = {
     "two-scale": (SquaredExponential, SquaredExponential),
     "two-scale-matern": (Matern32, Matern32),

@@ -26,10 +26,10 @@ from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, fit_process
 from survey.reconstruction.gp.engines.regression import Process
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
-from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.observations import (
     Observations,
     Outliers,
@@ -39,9 +39,11 @@ from survey.reconstruction.observations import (
 )
 from survey.reconstruction.terrain_map import CHECK, ELEVATION, UNSEEN, support_codes
 
+# Shares of the points that are left out: in all discs, at most in one of the widest, and one by one.
 _SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
 # Without enough points to say otherwise the scale is 1, give or take 30 %.
 _PRIOR_LOG_SD = 0.3
+# Ranges of distance with a factor each; with fewer points left out, or kept, there is none.
 _N_BINS = 3
 _LEAST_HELD_OUT = 30
 _N_TRIED = 6000
@@ -52,7 +54,7 @@ class SigmaCalibration:
     """Factor on the standard deviation, by the distance to the nearest point.
 
     `distance_m` (K,): distances to the nearest point, ascending [m]. `scale` (K,): factor at each; constant
-    beyond the ends, linear between. `held_out`: what the points that were left out had to say: their number,
+    beyond the ends, linear between. `held_out`: results for the points that were left out: their number, and
     their share within the 95 % interval before and after.
     """
 
@@ -209,17 +211,18 @@ class Learned:
     """A mean surface, the process of what differs from it, and the calibration of its standard deviation."""
 
     process: Process
+    choice: EngineChoice
     mean: Mean
-    found: Hyperparameters
+    hyperparameters: Hyperparameters
     calibration: SigmaCalibration
     outliers: Outliers
     n_beyond_reach: int = 0
 
     @classmethod
-    def uncalibrated(cls, process: Process, mean: Mean, found: Hyperparameters) -> Self:
+    def uncalibrated(cls, conditioned: Conditioned, mean: Mean, hyperparameters: Hyperparameters) -> Self:
         """Return the state before outliers are looked for and the standard deviation is calibrated."""
         none = Outliers(np.zeros(0, dtype=np.int64), np.zeros(0))
-        return cls(process, mean, found, SigmaCalibration.none(), none)
+        return cls(*conditioned, mean, hyperparameters, SigmaCalibration.none(), none)
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""
@@ -235,7 +238,7 @@ class Learned:
 
     def support(self, std: FloatArray, nearest_m: FloatArray, step_m: float = 0.0) -> npt.NDArray[np.uint8]:
         """Return the support codes of places with this standard deviation and distance to the nearest point."""
-        prior = self.process.kernel.variance_m2 + self.found.nugget_m**2
+        prior = self.process.kernel.variance_m2 + self.hyperparameters.nugget_m**2
         return support_codes(
             nearest_m,
             (std / self.calibration.at(nearest_m)) ** 2 / prior,
@@ -252,11 +255,11 @@ class Learned:
             rows = slice(first, first + rows_at_once)
             nodes = np.stack(np.meshgrid(grid.x, grid.y[rows]), axis=-1).reshape(-1, 2)
             places = _Places(nodes, mean[rows].ravel(), std[rows].ravel() ** 2)
-            found = self._finished(places, grid.step_m)
-            mean[rows], std[rows], support[rows] = (values.reshape(-1, grid.shape[1]) for values in found)
+            finished = self._finish(places, grid.step_m)
+            mean[rows], std[rows], support[rows] = (values.reshape(-1, grid.shape[1]) for values in finished)
         return mean, std, support
 
-    def _finished(
+    def _finish(
         self, places: "_Places", step_m: float
     ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
         """Return height, standard deviation and support code (M,); NaN and unseen where the mean is not defined."""
@@ -276,15 +279,15 @@ class Learned:
 
     def updated(self, xy: FloatArray, z: FloatArray, variance: FloatArray) -> Self:
         """Return the posterior with more points, at the same hyperparameters and calibration."""
-        noise = np.sqrt(variance + self.found.nugget_m**2)
+        noise = np.sqrt(variance + self.hyperparameters.nugget_m**2)
         return replace(self, process=self.process.update(xy, z - self.mean.at(xy), noise))
 
-    def hyperparameters(self) -> dict[str, Any]:
+    def record(self) -> dict[str, Any]:
         """Return family, parameters and likelihood, for the record."""
         return {
-            "family": self.found.family,
+            "family": self.hyperparameters.family,
             **self.process.kernel.parameters(),
-            "nugget_m": self.found.nugget_m,
+            "nugget_m": self.hyperparameters.nugget_m,
             "log_marginal_likelihood": self.process.log_marginal_likelihood,
         }
 
@@ -297,12 +300,12 @@ class Learned:
             "n_points_beyond_reach": self.n_beyond_reach,
             "outliers": self.outliers.facts(),
             "calibration": self.calibration.facts(),
-            "engine": self.process.record(),
+            "engine": {**self.process.record(), **self.choice.record()},
         }
 
     def _total_std(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
         """Return the standard deviation of the ground: that of the process and of the nugget, calibrated."""
-        total = self.process.surface_variance(variance, xy) + self.found.nugget_m**2
+        total = self.process.surface_variance(variance, xy) + self.hyperparameters.nugget_m**2
         return np.sqrt(total) * self.calibration.at(nearest_m)
 
 
@@ -367,7 +370,7 @@ class TerrainFit:
             )
         return near
 
-    def learned(
+    def learn(
         self, points: SurfacePoints, numbers: IntArray, announce: Callable[[Learned, float], None]
     ) -> Learned:
         """Return the state of a model of points, each with its number among those that were given.
@@ -377,19 +380,20 @@ class TerrainFit:
         data = Observations.of(points, self.quantity)
         mean = self._mean(points)
         began = time.perf_counter()
-        process, found = self._learn(data, mean, data.variance)
+        conditioned, found = self._learn(data, mean, data.variance)
         n_times = 1 + self._has_slope_errors(points) + self.config.robust
-        announce(Learned.uncalibrated(process, mean, found), n_times * (time.perf_counter() - began))
-        variance = self.through_slope(points, process, mean, data.variance)
+        announce(Learned.uncalibrated(conditioned, mean, found), n_times * (time.perf_counter() - began))
+        # The slope that carries horizontal errors to the height is known only once there is a surface.
+        variance = self.through_slope(points, conditioned.process, mean, data.variance)
         if variance is not data.variance:
-            process, found = self._learn(data, mean, variance)
-        z_scores = _z_scores(process)
+            conditioned, found = self._learn(data, mean, variance)
+        z_scores = _z_scores(conditioned.process)
         treatment = "retained"
         if self.config.robust:
             variance, treatment = distrusted(variance, z_scores), "retained with less weight"
-            process, found = self._learn(data, mean, variance)
+            conditioned, found = self._learn(data, mean, variance)
         outliers = Outliers.among(z_scores, numbers, treatment)
-        return Learned(process, mean, found, self._calibration(data, mean, variance, found), outliers)
+        return Learned(*conditioned, mean, found, self._calibration(data, mean, variance, found), outliers)
 
     def _mean(self, points: SurfacePoints) -> Mean:
         if isinstance(self.prior, Dem):
@@ -398,25 +402,28 @@ class TerrainFit:
             return DemMean(self.prior, self.config.prior_interpolation)
         return self.prior or ConstantMean(0.0)
 
-    def _learn(self, data: Observations, mean: Mean, variance: FloatArray) -> tuple[Process, Hyperparameters]:
+    def _learn(
+        self, data: Observations, mean: Mean, variance: FloatArray
+    ) -> tuple[Conditioned, Hyperparameters]:
         """Return the conditioned process and its hyperparameters."""
         residual = data.z - mean.at(data.xy)
         found = self._hyperparameters(data, residual, variance)
-        return self._conditioned(data.xy, residual, variance, found), found
+        return self._condition(data.xy, residual, variance, found), found
 
     def _hyperparameters(
         self, data: Observations, residual: FloatArray, variance: FloatArray
     ) -> Hyperparameters:
         if self.config.fit:
-            found = likeliest(data.xy, self._detrended(data.xy, residual), variance, self.config)
+            found = likeliest(data.xy, self._detrend(data.xy, residual), variance, self.config)
         else:
             family = stated_family(self.config)
             found = Hyperparameters(family, self.config.stated_kernel(), self.config.nugget_m or 0.0, 0.0)
         if isinstance(self.prior, Dem) and self.config.prior_sigma_m:
-            return with_prior_error(found, self.prior.step_m, self.config.prior_sigma_m)
+            kernel = with_prior_error(found.kernel, self.prior.step_m, self.config.prior_sigma_m)
+            return replace(found, kernel=kernel)
         return found
 
-    def _detrended(self, xy: FloatArray, residual: FloatArray) -> FloatArray:
+    def _detrend(self, xy: FloatArray, residual: FloatArray) -> FloatArray:
         """Subtract a plane where one is part of the mean, so that it is not taken for a length scale."""
         if self.prior is not None or self.config.mean == "constant":
             return residual
@@ -424,21 +431,21 @@ class TerrainFit:
         detrended: FloatArray = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
         return detrended
 
-    def _conditioned(
+    def _condition(
         self,
         xy: FloatArray,
         residual: FloatArray,
         variance: FloatArray,
         found: Hyperparameters,
         bounds: Bounds | None = None,
-    ) -> Process:
+    ) -> Conditioned:
         if (
             self.prior is None
             and self.config.mean == "plane"
             and Observations(xy, residual, variance).on_one_line()
         ):
             raise InputError("the points lie on one line and determine no plane; take mean = constant.")
-        return conditioned(
+        return fit_process(
             self.engine,
             found.kernel,
             xy,
@@ -479,7 +486,7 @@ class TerrainFit:
         (xmin, ymin), (xmax, ymax) = west_south.tolist(), east_north.tolist()
 
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-            process = self._conditioned(
+            process, _ = self._condition(
                 data.xy[kept], residual[kept], variance[kept], found, bounds=(xmin, ymin, xmax, ymax)
             )
             height, spread = process.predict(xy)
@@ -489,8 +496,6 @@ class TerrainFit:
 
     def _gaps_m(self, xy: FloatArray) -> FloatArray:
         """Return the distances from places all over the site to the nearest point [m]."""
-        from scipy.spatial import cKDTree
-
         low, high = (self.bounds[:2], self.bounds[2:]) if self.bounds else (xy.min(axis=0), xy.max(axis=0))
         axes = [np.linspace(a, b, _N_GAPS) for a, b in zip(low, high, strict=True)]
         nodes = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)

@@ -26,10 +26,10 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engine_choice import EngineName
 from survey.reconstruction.gp.fit import MOST_AT_ONCE, Learned, TerrainFit, steepness_on_axes
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
-from survey.reconstruction.gp.process import EngineName
 from survey.reconstruction.observations import Observations
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_fitted
@@ -147,7 +147,7 @@ class GaussianProcessTerrain(TerrainModel):
 
     `config`: what to assume and what to fit. `prior`: the expected surface; without it a constant or a plane
     by generalised least squares. `engine`: the fast engine or the dense one. `quantity`: what is mapped, with
-    its unit. `bounds` (xmin, ymin, xmax, ymax): where the model will be asked [m]; the points' extent by
+    its unit. `bounds` (xmin, ymin, xmax, ymax): extent of later predictions [m]; the points' extent by
     default. Points farther from it than its diagonal are not used, and their number is reported. `watch`:
     progress of a map in tiles; with it the expected time of a large map is logged beforehand. `learned_`:
     state of a fitted model. `vertical_datum_`: vertical datum of the points of a fitted model.
@@ -180,7 +180,7 @@ class GaussianProcessTerrain(TerrainModel):
         fit = self._fit
         near = fit.near(points)
         used = points if near.all() else points.select(near)
-        learned = fit.learned(used, np.flatnonzero(near), self._announce)
+        learned = fit.learn(used, np.flatnonzero(near), self._announce)
         learned = replace(learned, n_beyond_reach=int((~near).sum()))
         return replace(self, learned_=learned, vertical_datum_=used.vertical_datum)
 
@@ -218,7 +218,7 @@ class GaussianProcessTerrain(TerrainModel):
             Dem.on(grid, std, self.vertical_datum_),
             support,
             self.engine,
-            known.hyperparameters(),
+            known.record(),
             quantity=self.quantity,
             diagnostics=diagnostics,
         )

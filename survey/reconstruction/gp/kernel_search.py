@@ -13,7 +13,7 @@ constant mean μ integrated out:
            -2 \log p = (n - 1) \log \hat s^2 + \log |C| + \log 1^T C^{-1} 1 + \mathrm{const}
 
 (glacier paper, Eq. 9; restricted likelihood, Patterson and Thompson 1971). `KernelSearch` finds the likeliest cell of each
-survey; `mapped` returns the maps of all surveys.
+survey; `map_surveys` returns the maps of all surveys.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -82,7 +82,7 @@ class Cell(NamedTuple):
         for rows, block in blocks:
             matrix[rows, rows.start :] = block
         matrix.flat[:: n + 1] += 2.0**self.ratio
-        return factorized(matrix)
+        return factorize(matrix)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Likelihood:
     variance_m2: FloatArray
 
 
-Wish = tuple[Cell, BoolArray]
+Request = tuple[Cell, BoolArray]
 """A cell, and the surveys (B,) that request its likelihood."""
 
 
@@ -125,13 +125,13 @@ def triangle(xy: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
     return ((rows, cdist(xy[rows], xy[rows.start :], "sqeuclidean")) for rows in blocks(len(xy)))
 
 
-def solved(factor: FloatArray, columns: FloatArray, *, transposed: bool = False) -> FloatArray:
+def solve_triangle(factor: FloatArray, columns: FloatArray, *, transposed: bool = False) -> FloatArray:
     """Return L⁻¹ B, or L⁻ᵀ B; a factor of a positive definite matrix has no zero that could fail."""
     solved: FloatArray = lapack.dtrtrs(factor, columns, lower=1, trans=int(transposed))[0]
     return solved
 
 
-def factorized(matrix: FloatArray) -> FloatArray | None:
+def factorize(matrix: FloatArray) -> FloatArray | None:
     """Return the Cholesky factor in the lower triangle, or None where rounding makes the matrix indefinite."""
     factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
     return None if failed else factor
@@ -143,52 +143,52 @@ _NOISE_DOUBT = 0.2
 
 @dataclass(eq=False)
 class LikelihoodView:
-    """How likely B surveys of some places make the cells that were looked at, and which survey asked for which."""
+    """Likelihoods of the cells that were evaluated for B surveys of some places, and the surveys that requested each."""
 
     xy: FloatArray
     heights: FloatArray
     noise_m: float
     seen: dict[Cell, Likelihood] = field(default_factory=dict)
-    asked: dict[Cell, BoolArray] = field(default_factory=dict)
+    requested: dict[Cell, BoolArray] = field(default_factory=dict)
 
     def thinned(self, n: int) -> "LikelihoodView":
         """Return a view from so many of the places."""
         few = np.linspace(0, len(self.xy) - 1, min(n, len(self.xy))).astype(int)
         return LikelihoodView(self.xy[few], self.heights[few], self.noise_m)
 
-    def look(self, wishes: Iterable[Wish]) -> bool:
+    def look(self, requests: Iterable[Request]) -> bool:
         """Evaluate cells for the surveys that request them, and return whether any was new to its survey."""
         news = False
-        for cell, mine in list(wishes):
+        for cell, mine in list(requests):
             if not mine.any():
                 continue
             if cell not in self.seen:
-                self.seen[cell], self.asked[cell] = self._likelihood(cell), np.zeros_like(mine)
-            news |= bool((mine & ~self.asked[cell]).any())
-            self.asked[cell] |= mine
+                self.seen[cell], self.requested[cell] = self._likelihood(cell), np.zeros_like(mine)
+            news |= bool((mine & ~self.requested[cell]).any())
+            self.requested[cell] |= mine
         return news
 
     def saw(self, cells: Iterable[Cell]) -> BoolArray:
-        """Return which surveys (B,) asked for one of these cells."""
-        asked: BoolArray = np.zeros(self.heights.shape[1], dtype=bool)
+        """Return which surveys (B,) requested one of these cells."""
+        requested: BoolArray = np.zeros(self.heights.shape[1], dtype=bool)
         for cell in cells:
-            asked |= self.asked[cell]
-        return asked
+            requested |= self.requested[cell]
+        return requested
 
     def best(self, cells: Iterable[Cell]) -> tuple[list[Cell], FloatArray]:
-        """Return each survey's best cell among those that it asked for, and how likely it is."""
+        """Return each survey's best cell among those that it requested, and how likely it is."""
         cells = list(cells)
-        logs = np.array([np.where(self.asked[cell], self.seen[cell].log, -np.inf) for cell in cells])
+        logs = np.array([np.where(self.requested[cell], self.seen[cell].log, -np.inf) for cell in cells])
         return [cells[index] for index in logs.argmax(axis=0)], logs.max(axis=0)
 
-    def tops(self, cells: Sequence[Cell]) -> Iterator[Wish]:
+    def tops(self, cells: Sequence[Cell]) -> Iterator[Request]:
         """Return the best of these cells, each with the surveys whose best it is."""
         if cells:
             best, logs = self.best(cells)
             for top in dict.fromkeys(best):
                 yield top, np.array([one == top for one in best]) & (logs > -np.inf)
 
-    def racing(self, families: Sequence[SearchedFamily], within: float) -> Iterator[Wish]:
+    def racing(self, families: Sequence[SearchedFamily], within: float) -> Iterator[Request]:
         """Return the best cell of every family for the surveys that it makes nearly as likely as any [nats]."""
         mine = {family: [cell for cell in self.seen if cell.family == family] for family in families}
         bests = [self.best(cells) for cells in mine.values() if cells]
@@ -211,7 +211,7 @@ class LikelihoodView:
         factor = cell.factor_of(self._triangle)
         if factor is None:
             return Likelihood(np.full(n_surveys, -np.inf), np.ones(n_surveys))
-        half = solved(factor, self._columns)
+        half = solve_triangle(factor, self._columns)
         ones, rest = half[:, 0], half[:, 1:]
         weight = float(ones @ ones)
         about_mean = rest - np.outer(ones, ones @ rest / weight)
@@ -258,7 +258,7 @@ class KernelSearch:
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 600.0, (120, 2))
     >>> drawn = np.linalg.cholesky(SquaredExponential(9.0, 100.0).covariance(xy, xy) + 1e-4 * np.eye(120))
-    >>> found = KernelSearch(xy, drawn @ rng.standard_normal((120, 2)), noise_m=0.01).found()
+    >>> found = KernelSearch(xy, drawn @ rng.standard_normal((120, 2)), noise_m=0.01).search()
     >>> [(one.cell.family, round(one.cell.length_scale_m)) for one in found]
     [('squared-exponential', 91), ('squared-exponential', 108)]
     """
@@ -280,7 +280,7 @@ class KernelSearch:
                 f"a search takes the families {', '.join(ALL)}, not {', '.join(self.families)}; name some of these."
             )
 
-    def found(self) -> list[FoundKernel]:
+    def search(self) -> list[FoundKernel]:
         """Return the likeliest kernel of each survey."""
         few = self._all.thinned(_FEW)
         few.look(self._coarse())
@@ -296,7 +296,7 @@ class KernelSearch:
 
         `within`: how much less likely than the best one [nats].
         """
-        self.found()
+        self.search()
         while self._all.look(self._around(within)):
             pass
         # Every second length and every ratio: the lattice of equal spacing that all were searched on.
@@ -334,7 +334,7 @@ class KernelSearch:
         limits: IntArray = np.clip(np.stack([(middle - 8) // 3 * 3, middle + 3]), LEAST_RATIO, 3)
         return limits
 
-    def _coarse(self) -> Iterator[Wish]:
+    def _coarse(self) -> Iterator[Request]:
         low, high = self._lengths
         step_l, step_q = _COARSE
         first, last = self._ratios
@@ -352,7 +352,7 @@ class KernelSearch:
         while view.look(self._neighbours(view, step, within)):
             pass
 
-    def _neighbours(self, view: "LikelihoodView", step: int, within: float) -> Iterator[Wish]:
+    def _neighbours(self, view: "LikelihoodView", step: int, within: float) -> Iterator[Request]:
         """Return the cells around the best of every family, for each survey its own.
 
         A longer scale goes with a larger variance, thus with a smaller ratio: a ridge that no step along one
@@ -372,7 +372,7 @@ class KernelSearch:
                     for ratio in (top.ratio - 1, top.ratio + 1):
                         yield top._replace(ratio=ratio), its & mine & (first <= ratio) & (ratio <= last)
 
-    def _around(self, within: float) -> Iterator[Wish]:
+    def _around(self, within: float) -> Iterator[Request]:
         """Return the cells beside those of the first survey that are nearly as likely as its best."""
         low, high = self._lengths
         first, last = self._ratios[:, 0]
@@ -387,7 +387,7 @@ class KernelSearch:
                         yield beside, alone
 
 
-def mapped(
+def map_surveys(
     xy: FloatArray, heights: FloatArray, found: list[FoundKernel], nodes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the maps of B surveys of the same places, surveys with the same kernel factorized once.
@@ -412,14 +412,14 @@ def _mapped_alike(
     factor = cell.factor(xy)
     if factor is None:
         raise InputError("the covariance of the samples is singular; take them farther apart.")
-    half = solved(factor, np.column_stack([np.ones(len(xy)), heights]))
+    half = solve_triangle(factor, np.column_stack([np.ones(len(xy)), heights]))
     ones, rest = half[:, 0], half[:, 1:]
     centre = ones @ rest / (ones @ ones)
-    weights = solved(factor, rest - np.outer(ones, centre), transposed=True)
+    weights = solve_triangle(factor, rest - np.outer(ones, centre), transposed=True)
     mean = np.empty((len(nodes), heights.shape[1]))
     for rows in blocks(len(nodes)):
         mean[rows] = centre + cell.correlation(cdist(nodes[rows], xy, "sqeuclidean")) @ weights
-    explained = solved(factor, cell.correlation(cdist(xy, nodes[::9], "sqeuclidean")))
+    explained = solve_triangle(factor, cell.correlation(cdist(xy, nodes[::9], "sqeuclidean")))
     gap = 1.0 - ones @ explained
     left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) / (ones @ ones)
     return mean, float(np.maximum(left, 0.0).mean())

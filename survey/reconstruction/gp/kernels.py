@@ -401,16 +401,6 @@ def _log_rational_quadratic_spectrum(q2: FloatArray, shape: float) -> FloatArray
     return result
 
 
-__all__ = [
-    "KINDS",
-    "Kernel",
-    "Matern32",
-    "Matern52",
-    "SquaredExponential",
-    "Whittle",
-]
-
-
 @dataclass(frozen=True)
 class SquaredExponential(Stationary):
     r"""Squared exponential covariance, the kernel of the glacier paper (Eq. 1).

@@ -19,7 +19,7 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.families import KernelFamily, Sum, family_of, kernel_of
+from survey.reconstruction.gp.families import KernelFamily, Sum, family_of, kernel_of, parts_of
 from survey.reconstruction.gp.kernels import Kernel, Stationary
 
 # Relative step of the derivative of the covariance with respect to a parameter: error 1e-9.
@@ -51,11 +51,6 @@ def term_of(part: Kernel, lags_m: FloatArray) -> Term:
         change = above.covariance_of_lag(lags_m) - below.covariance_of_lag(lags_m)
         derivatives.append((change / (2 * _STEP), 0.0))
     return Term(covariance, derivatives)
-
-
-def parts_of(kernel: Kernel) -> tuple[Kernel, ...]:
-    """Return the parts of a sum; every part's first parameter is the logarithm of its variance."""
-    return kernel.parts if isinstance(kernel, Sum) else (kernel,)
 
 
 def _stationary_term(part: Stationary, lags_m: FloatArray) -> Term:
@@ -91,7 +86,8 @@ N_SEARCHED = 640
 LONGEST_SHARE = 1.5
 """Longest landforms over the extent of the points: longer ones are planes, and would take waves that the others need."""
 _N_CLUSTERS = 16
-# Stretch and directions [deg] of the start of an anisotropic kernel, and the strongest stretch.
+# Stretch and directions [deg] of the starts of an anisotropic kernel, and the strongest stretch: the likelihood has several
+# maxima over the direction.
 _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 

@@ -18,9 +18,8 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.families import Sum, parts_of
 from survey.reconstruction.gp.kernels import Kernel, SquaredExponential
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
 from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.prior_likelihood import (
     ErrorSizes,
@@ -225,10 +224,9 @@ def prior_error_kernel(cell_m: float, sigma_m: float) -> Kernel:
     return SquaredExponential((2.0 / 3.0 * sigma_m) ** 2, float(cell_m / np.sqrt(3.0)))
 
 
-def with_prior_error(found: Hyperparameters, cell_m: float, sigma_m: float) -> Hyperparameters:
-    """Return the hyperparameters with the prior's own error beside the terrain's."""
-    parts = found.kernel.parts if isinstance(found.kernel, Sum) else (found.kernel,)
-    return replace(found, kernel=Sum(*parts, prior_error_kernel(cell_m, sigma_m)))
+def with_prior_error(kernel: Kernel, cell_m: float, sigma_m: float) -> Sum:
+    """Return the terrain's kernel with that of the prior's own error beside it."""
+    return Sum(*parts_of(kernel), prior_error_kernel(cell_m, sigma_m))
 
 
 # Fewer cells with points than these determine no errors of the prior.
@@ -269,14 +267,14 @@ def estimated_prior(prior: Dem, points: SurfacePoints, errors: PriorErrors) -> E
         + (rows * used_sigma) @ (rows * used_sigma).T
         + sizes.covariance(differing.centre)
     )
-    said = conflicts(found, differing._replace(covariance=total), sizes.white_m, errors.white)
+    found_conflicts = conflicts(found, differing._replace(covariance=total), sizes.white_m, errors.white)
     every = prior.xy
-    wrong = _rows(mean, every, middle) @ value
-    dem = replace(prior, elevation=prior.elevation - wrong.reshape(prior.shape))
+    error_m = _rows(mean, every, middle) @ value
+    dem = replace(prior, elevation=prior.elevation - error_m.reshape(prior.shape))
     facts: dict[str, Any] = {
         "satellite_sigma_m": sizes.white_m,
         "satellite_correlated_sigma_m": sizes.correlated_m,
-        "prior_conflicts": list(said),
+        "prior_conflicts": list(found_conflicts),
     }
     for name, one, spread in zip(_NAMES, value, std, strict=True):
         facts |= {f"satellite_{name}": float(one), f"satellite_{name}_sigma": float(spread)}

@@ -13,11 +13,11 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.families import Sum, kernel_of
+from survey.reconstruction.gp.engine_choice import EngineName, fit_process
+from survey.reconstruction.gp.families import kernel_of
 from survey.reconstruction.gp.fit import Learned, SigmaCalibration
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
-from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, prior_error_kernel
-from survey.reconstruction.gp.process import EngineName, conditioned
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
 from survey.reconstruction.observations import Outliers
 
 _FORMAT = "firnline terrain model 1"
@@ -54,9 +54,9 @@ def write_model(path: str | Path, model: TerrainState) -> None:
         "quantity": model.quantity,
         "bounds": model.bounds,
         "vertical_datum": model.vertical_datum,
-        "family": known.found.family,
-        "nugget_m": known.found.nugget_m,
-        "log_likelihood": known.found.log_likelihood,
+        "family": known.hyperparameters.family,
+        "nugget_m": known.hyperparameters.nugget_m,
+        "log_likelihood": known.hyperparameters.log_likelihood,
         "held_out": known.calibration.held_out,
         "treatment": known.outliers.treatment,
         "n_beyond_reach": known.n_beyond_reach,
@@ -83,7 +83,7 @@ def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, 
 
 
 def read_model(path: str | Path) -> TerrainState:
-    """Read what `write_model` wrote, and condition on its points again."""
+    """Read what `write_model` wrote, and fit_process on its points again."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
         facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
@@ -99,8 +99,8 @@ def read_model(path: str | Path) -> TerrainState:
 def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
     config = validated(GaussianProcessConfig, facts["config"], "the terrain model's settings")
     prior = _prior_of(facts, arrays)
-    found = _found(arrays, facts, config, prior)
-    process = conditioned(
+    found = _hyperparameters(arrays, facts, config, prior)
+    conditioned = fit_process(
         facts["engine"],
         found.kernel,
         arrays["xy"],
@@ -116,14 +116,14 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
     distance, scale = arrays["calibration"]
     calibration = SigmaCalibration(distance, scale, facts["held_out"])
     outliers = Outliers(arrays["outlier_rows"], arrays["outlier_z"], facts["treatment"])
-    learned = Learned(process, mean, found, calibration, outliers, facts["n_beyond_reach"])
+    learned = Learned(*conditioned, mean, found, calibration, outliers, facts["n_beyond_reach"])
     bounds = tuple(facts["bounds"]) if facts["bounds"] else None
     return TerrainState(
         config, prior, facts["engine"], facts["quantity"], bounds, facts["vertical_datum"], learned
     )
 
 
-def _found(
+def _hyperparameters(
     arrays: dict[str, Any], facts: dict[str, Any], config: GaussianProcessConfig, prior: Dem | Mean | None
 ) -> Hyperparameters:
     shape = config.kernel or kernel_of(
@@ -135,8 +135,7 @@ def _found(
         shape=config.shape,
     )
     if isinstance(prior, Dem) and config.prior_sigma_m:
-        parts = shape.parts if isinstance(shape, Sum) else (shape,)
-        shape = Sum(*parts, prior_error_kernel(prior.step_m, config.prior_sigma_m))
+        shape = with_prior_error(shape, prior.step_m, config.prior_sigma_m)
     kernel = shape.with_log_parameters(arrays["log_parameters"])
     return Hyperparameters(facts["family"], kernel, facts["nugget_m"], facts["log_likelihood"])
 

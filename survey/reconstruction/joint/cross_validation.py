@@ -10,6 +10,7 @@ r"""Cross-validation of a joint estimate by leaving out one swath at a time, and
 posterior of its error.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -25,7 +26,9 @@ from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.checks import HeldOut, HeldOutGroups, PredictiveCheck, RmseClaim, sampled_nodes
-from survey.reconstruction.joint.solution import JointMap, JointSolution
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.joint.normal_equations import TerrainPosterior
+from survey.reconstruction.joint.solution import JointMap, JointSolution, MapAverage
 from survey.reconstruction.terrain_map import CHECK, CLAIM, Reconstruction
 
 # A swath ends where the heading has turned by more than this from that of its beginning [rad].
@@ -141,16 +144,16 @@ def held_out_swaths(solution: JointSolution) -> HeldOut | None:
     if solution.average is not None:
         return solution.average.held_out
     swaths = swaths_of(solution.points)
-    blocks = _chosen(swaths.number)
+    blocks = _choose(swaths.number)
     if len(blocks) < 2:
         return None
-    solved = [_solved(solution, rows) for rows in blocks]
+    solved = [_solve_block(solution, rows) for rows in blocks]
     rows = np.concatenate([block.rows for block in solved])
-    relief_m2 = solution.tail_m2 + solution.found.nugget_m**2
+    relief_m2 = solution.tail_m2 + solution.hyperparameters.nugget_m**2
     variance = np.concatenate([block.variance_m2 for block in solved]) + relief_m2
     distance = np.concatenate([_distance_to_others(solution.points.xy, block.rows) for block in solved])
     error = np.concatenate([block.error_m for block in solved])
-    noise = solution.noise_m2[rows] - solution.found.nugget_m**2
+    noise = solution.noise_m2[rows] - solution.hyperparameters.nugget_m**2
     averages = block_diag(*(block.averages for block in solved))
     covariance = np.block([[a.own_m2 if a is b else a.with_other(b) for b in solved] for a in solved])
     own = averages**2 @ noise
@@ -160,7 +163,29 @@ def held_out_swaths(solution: JointSolution) -> HeldOut | None:
     return HeldOut(kind, len(solved), error, variance, noise, distance, groups)
 
 
-def _chosen(swath: IntArray) -> list[IntArray]:
+def averaged(
+    solutions: Iterable[tuple[Hyperparameters, JointSolution]],
+    found: Hyperparameters,
+    rivals: list[Hyperparameters],
+    weights: FloatArray,
+) -> MapAverage:
+    """Return maps with all probable kernels, and the swaths that they predict together.
+
+    `solutions`: coarse solutions with the kernel that was found and all rivals. `weights` (K,): probabilities of the
+    rivals.
+    """
+    maps: dict[Hyperparameters, TerrainPosterior] = {}
+    left_out: dict[Hyperparameters, HeldOut | None] = {}
+    for one, solution in solutions:
+        maps[one] = solution.terrain
+        if one in rivals:
+            left_out[one] = held_out_swaths(solution)
+    predicted = [held_out for one in rivals if (held_out := left_out[one]) is not None]
+    held_out = HeldOut.mixture(predicted, weights) if predicted else None
+    return MapAverage(maps[found], tuple(maps[one] for one in rivals), weights, held_out)
+
+
+def _choose(swath: IntArray) -> list[IntArray]:
     """Return the rows of swaths to leave out, the same ones always, up to the number of points that can be left out."""
     names, counts = np.unique(swath[swath >= 0], return_counts=True)
     order = stream(0, "swaths left out").permutation(len(names))
@@ -169,7 +194,7 @@ def _chosen(swath: IntArray) -> list[IntArray]:
     return [np.flatnonzero(swath == names[k]) for k in np.sort(taken)]
 
 
-def _solved(solution: JointSolution, rows: IntArray) -> _Block:
+def _solve_block(solution: JointSolution, rows: IntArray) -> _Block:
     """Return errors and covariance of one block, predicted without it."""
     posterior, points = solution.posterior, solution.points
     noise = solution.total_m2[rows]
@@ -233,7 +258,7 @@ def checked_map(solution: JointSolution, grid: Grid, area: SurveyArea | None, *,
     """Return the map on a grid, its standard deviation widened where swaths that were left out contradict it."""
     mapped = solution.on(grid)
     check = check_by_swaths(solution) if is_tested else None
-    result = mapped.reconstruction if check is None else _widened(mapped.reconstruction, check, solution)
+    result = mapped.reconstruction if check is None else _widen(mapped.reconstruction, check, solution)
     if is_tested and solution.cells is None:
         result = widened_beyond(result, solution.points.xy, solution.points.z, area)
     claim = _claim(solution, result, area)
@@ -244,7 +269,7 @@ def checked_map(solution: JointSolution, grid: Grid, area: SurveyArea | None, *,
     return mapped._replace(reconstruction=replace(result, diagnostics=diagnostics))
 
 
-def _widened(result: Reconstruction, check: PredictiveCheck, solution: JointSolution) -> Reconstruction:
+def _widen(result: Reconstruction, check: PredictiveCheck, solution: JointSolution) -> Reconstruction:
     """Return the map with the standard deviations that the check leaves standing."""
     if not check.contradicts:
         return result

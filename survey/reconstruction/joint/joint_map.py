@@ -1,61 +1,29 @@
-"""Joint estimate of map and path: set-up of the linear system from points, path and satellite cells."""
+"""Joint estimate of map and path: kernel, prior and slope in turn, each with one solve of the linear system."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
-import numpy as np
-
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import same_crs, same_vertical_datum
+from survey.core.crs import same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.checks import HeldOut
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.engines.fourier_basis import (
-    FourierBasis,
-    affordable_basis,
-    amplitudes,
-    modes_within,
-    periodic_variance,
-    sharpest_std_m,
-)
-from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
-from survey.reconstruction.joint.cross_validation import checked_map, held_out_swaths
+from survey.reconstruction.joint.cross_validation import averaged, checked_map
 from survey.reconstruction.joint.kernel_choice import (
     ChosenKernel,
     PlaneResiduals,
     PointsOnly,
-    chosen,
-    own_variance,
+    choose_kernel,
     probable,
 )
-from survey.reconstruction.joint.normal_equations import (
-    JointPosterior,
-    JointSystem,
-    TerrainPosterior,
-    cell_rows,
-    point_rows,
-)
-from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
-from survey.reconstruction.joint.shared_errors import (
-    LandmarkErrors,
-    PlaceError,
-    SharedError,
-    dominant_modes,
-    with_shared_relief,
-)
+from survey.reconstruction.joint.satellite_cells import SatelliteCells, prior_cells
 from survey.reconstruction.joint.solution import JointMap, JointSolution, MapAverage, StatedSolution
-from survey.reconstruction.prior import PriorErrors
-from survey.reconstruction.terrain_model import local_datum_m
-
-# A slope needs fewer waves than a map.
-_ROUGH_MB = 12.0
-# Waves that contribute less than this share of the smallest standard deviation are left out.
-_COARSEST_SHARE = 0.05
+from survey.reconstruction.joint.system import SystemBuilder
 
 
 @dataclass(frozen=True)
@@ -89,40 +57,43 @@ class JointTerrain:
         """Estimate the terrain on a grid, and the path; test the standard deviation unless hyperparameters are stated."""
         same_crs(points.crs, grid.crs, "the points and the grid")
         wanted = self.config.fit if self.config.calibrate is None else self.config.calibrate
-        return checked_map(self.solved(points, grid.bounds), grid, area, is_tested=wanted)
+        return checked_map(self.solve(points, grid.bounds), grid, area, is_tested=wanted)
 
-    def solved(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
+    def solve(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
         """Solve for the terrain within bounds (xmin, ymin, xmax, ymax) [m], and the path."""
-        return self.completed(self.from_points(points, bounds))
+        return self.complete(self.from_points(points, bounds))
 
     def from_points(
         self, points: SurfacePoints, bounds: Bounds, candidates: list[Hyperparameters] | None = None
     ) -> PointsOnly:
         """Fit kernels to the points, without the prior, or take those that are given."""
-        residuals = PlaneResiduals(points, self.path, self._landmarks(points), self.config)
+        residuals = PlaneResiduals(points, self.path, self.builder.landmarks(points), self.config)
         fitted = residuals.candidates() if candidates is None else candidates
 
-        def solve(found: Hyperparameters) -> TerrainPosterior:
-            return self._solution(points, bounds, found, residuals.slope, None).terrain
+        terrain = cache(
+            lambda found: self.builder.solve(points, bounds, found, residuals.slope, None).terrain
+        )
+        return PointsOnly(points, bounds, residuals.slope, fitted, terrain, cache(residuals.lengths))
 
-        return PointsOnly(points, bounds, residuals.slope, fitted, cache(solve), cache(residuals.lengths))
-
-    def completed(self, alone: PointsOnly) -> JointSolution:
+    def complete(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
         points, bounds, slope = alone.points, alone.bounds, alone.slope
-        highest = PlaceError.of(points, self.path).highest_rad_per_m
-        found, (cells, errors) = alone.candidates[0], self._cells(points, bounds)
+        highest = self.builder.highest_rad_per_m(points)
+        found, (cells, errors) = (
+            alone.candidates[0],
+            prior_cells(self.satellite, points, bounds, self.joint.satellite.model()),
+        )
         choice: ChosenKernel | None = None
         if cells is not None:
-            choice = chosen(alone, cells, errors)
-            found, cells = choice.found, choice.cells
+            choice = choose_kernel(alone, cells, errors)
+            found, cells = choice.hyperparameters, choice.cells
             if not errors.white.is_known:
                 slope = alone.terrain(found).gradient(points.xy, highest)
         for _ in range(self.joint.slope_passes - 1):
-            rough = self._solution(points, bounds, found, slope, cells).terrain
+            rough = self.builder.solve(points, bounds, found, slope, cells).terrain
             slope = rough.gradient(points.xy, highest)
             cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
-        solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
+        solution = self.builder.solve(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
         solution = replace(solution, average=self._average(alone, found, slope, cells))
         return solution if choice is None else self._with_prior(solution, choice, alone, slope)
 
@@ -133,8 +104,9 @@ class JointTerrain:
         if choice.stated is None:
             return replace(solution, conflicts=choice.conflicts)
         cells = choice.stated.cells.with_slope(solution.terrain.gradient(choice.stated.cells.centre))
-        given, memory_mb = (alone.points, alone.bounds, solution.found, slope, cells), self.joint.memory_mb
-        other = replace(self._solution(*given, memory_mb=memory_mb), average=solution.average)
+        given = alone.points, alone.bounds, solution.hyperparameters, slope, cells
+        other = self.builder.solve(*given, memory_mb=self.joint.memory_mb)
+        other = replace(other, average=solution.average)
         stated = StatedSolution(other, choice.stated.probability)
         return replace(solution, conflicts=choice.conflicts, stated=stated)
 
@@ -148,115 +120,26 @@ class JointTerrain:
         if rivals == [found]:
             return None
         longest = max((found, *rivals), key=lambda one: one.kernel.length_scales_m[1])
-        maps: dict[Hyperparameters, TerrainPosterior] = {}
-        left_out: dict[Hyperparameters, HeldOut | None] = {}
-        basis = None
-        for one in dict.fromkeys((longest, found, *rivals)):
-            given, memory_mb = (alone.points, alone.bounds, one, slope, cells), 0.5 * self.joint.memory_mb
-            solution = self._solution(*given, memory_mb=memory_mb, basis=basis)
-            basis, maps[one] = solution.basis, solution.terrain
-            if one in rivals:
-                left_out[one] = held_out_swaths(solution)
-        predicted = [held_out for one in rivals if (held_out := left_out[one]) is not None]
-        held_out = HeldOut.mixture(predicted, weights) if predicted else None
-        return MapAverage(maps[found], tuple(maps[one] for one in rivals), weights, held_out)
+        given = alone.points, alone.bounds, slope, cells
+        solutions = self._coarse_solutions(dict.fromkeys((longest, found, *rivals)), *given)
+        return averaged(solutions, found, rivals, weights)
 
-    @cached_property
-    def _modes(self) -> FloatArray:
-        assert self.joint.rank is not None
-        return dominant_modes(self.path, self.joint.rank)
-
-    def _shared(self, points: SurfacePoints, slope: FloatArray) -> SharedError:
-        if self.joint.rank is None:
-            return SharedError.full(points, self.path, slope)
-        return SharedError.dominant(points, self.path, slope, self._modes)
-
-    def _landmarks(self, points: SurfacePoints) -> LandmarkErrors:
-        drive = None if points.keyframe is None else self.path.drive_of(points.keyframe)
-        return LandmarkErrors.of(points, self.joint, drive)
-
-    def _solution(
+    def _coarse_solutions(
         self,
+        kernels: Iterable[Hyperparameters],
         points: SurfacePoints,
         bounds: Bounds,
-        found: Hyperparameters,
         slope: FloatArray,
         cells: SatelliteCells | None,
-        *,
-        memory_mb: float = _ROUGH_MB,
-        basis: FourierBasis | None = None,
-    ) -> JointSolution:
-        system = self.system(points, bounds, found, slope, cells, memory_mb=memory_mb, basis=basis)
-        basis, strengths, trend, shared = system.basis, system.strengths, system.trend, system.shared
-        before = shared.rows.shape[1], system.landmarks.rows.shape[1]
-        measured = (
-            None
-            if cells is None
-            else cell_rows(cells, trend, cells.features(basis, strengths), system.datum_m, before)
-        )
-        equations = system.rows, system.information
-        return JointSolution(
-            self.path,
-            self.joint.rank is not None,
-            points,
-            found,
-            shared,
-            basis,
-            trend,
-            system.tail_m2,
-            system.datum_m,
-            JointPosterior.given(basis, strengths, system.data, equations, measured),
-            cells,
-            system.noise_m2,
-            system.rows,
-            system.total_m2,
-            system.landmarks,
-        )
+    ) -> Iterator[tuple[Hyperparameters, JointSolution]]:
+        """Yield a coarse solution with each kernel, all with the waves of the first."""
+        basis, memory_mb = None, 0.5 * self.joint.memory_mb
+        for one in kernels:
+            solution = self.builder.solve(points, bounds, one, slope, cells, memory_mb=memory_mb, basis=basis)
+            basis = solution.basis
+            yield one, solution
 
-    def system(
-        self,
-        points: SurfacePoints,
-        bounds: Bounds,
-        found: Hyperparameters,
-        slope: FloatArray,
-        cells: SatelliteCells | None = None,
-        *,
-        memory_mb: float = _ROUGH_MB,
-        basis: FourierBasis | None = None,
-    ) -> JointSystem:
-        """Choose the waves, and set up the rows and errors of the points.
-
-        `slope` (N, 2) [m/m] is that of the terrain at the points.
-        """
-        shared, landmarks = self._shared(points, slope), self._landmarks(points)
-        noise = own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
-        datum = local_datum_m(points.z)
-        site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
-        basis = basis or self._waves(found, site, points.xy, noise, memory_mb)
-        place = PlaceError.of(points, self.path)
-        strengths = amplitudes(found.kernel, basis) * np.sqrt(place.retained(basis.omega))
-        tail = max(periodic_variance(found.kernel, basis.box) - float(np.sum(strengths**2)), 0.0)
-        total = with_shared_relief(points.xy, noise, found.kernel, basis, tail, retained=place.retained)
-        data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
-        trend = PolynomialTrend("plane", basis.box)
-        rows = point_rows(points, shared, trend, landmarks, cells)
-        return JointSystem(shared, landmarks, basis, strengths, trend, tail, datum, noise, total, data, *rows)
-
-    def _waves(
-        self, found: Hyperparameters, site: Bounds, xy: FloatArray, noise: FloatArray, memory_mb: float
-    ) -> FourierBasis:
-        """Return the waves that the tolerance asks for, within the memory."""
-        sharpest = sharpest_std_m(found.kernel, xy, noise)
-        tolerance = max(self.config.tolerance_m, _COARSEST_SHARE * sharpest)
-        return affordable_basis(found.kernel, site, sharpest, tolerance, modes_within(memory_mb))
-
-    def _cells(self, points: SurfacePoints, bounds: Bounds) -> tuple[SatelliteCells | None, PriorErrors]:
-        """Return the prior's cells, in blocks where there are thousands of them, with their error model."""
-        errors = self.joint.satellite.model()
-        if self.satellite is None:
-            return None, errors
-        same_vertical_datum(
-            self.satellite.vertical_datum, points.vertical_datum, "the satellite and the points"
-        )
-        dem, errors = in_blocks(self.satellite, bounds, errors)
-        return SatelliteCells.of(dem, points.crs, bounds, errors), errors
+    @cached_property
+    def builder(self) -> SystemBuilder:
+        """Builder of the linear system."""
+        return SystemBuilder(self.path, self.config, self.joint)

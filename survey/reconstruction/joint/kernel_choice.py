@@ -24,14 +24,13 @@ from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.families import KernelFamily, Sum
+from survey.reconstruction.gp.families import KernelFamily, Sum, parts_of
 from survey.reconstruction.gp.kernels import Kernel, Stationary
 from survey.reconstruction.gp.marginal_likelihood import (
     LONGEST_SHARE,
     Hyperparameters,
     KernelFit,
     comparison,
-    parts_of,
     stated_family,
     with_landforms,
 )
@@ -275,7 +274,7 @@ class StatedLevel(NamedTuple):
 class ChosenKernel(NamedTuple):
     """Hyperparameters, the cells with the sizes of their errors, and conflicts of prior and points."""
 
-    found: Hyperparameters
+    hyperparameters: Hyperparameters
     cells: SatelliteCells
     conflicts: tuple[str, ...]
     stated: StatedLevel | None = None
@@ -283,17 +282,17 @@ class ChosenKernel(NamedTuple):
     @property
     def score(self) -> float:
         """Score of the points and log evidence of the cells."""
-        return self.found.score + self.cells.sizes.log_evidence
+        return self.hyperparameters.score + self.cells.sizes.log_evidence
 
 
-def chosen(alone: PointsOnly, cells: SatelliteCells, errors: PriorErrors) -> ChosenKernel:
+def choose_kernel(alone: PointsOnly, cells: SatelliteCells, errors: PriorErrors) -> ChosenKernel:
     """Return the kernel of the best score of points and cells."""
     least = alone.candidates[0].score - _WITHIN_NATS
     compared = [one for one in alone.candidates if one.score >= least]
-    return max((_judged(found, cells, errors, alone) for found in compared), key=lambda one: one.score)
+    return max((_judge(found, cells, errors, alone) for found in compared), key=lambda one: one.score)
 
 
-def _judged(
+def _judge(
     found: Hyperparameters, cells: SatelliteCells, errors: PriorErrors, alone: PointsOnly
 ) -> ChosenKernel:
     """Estimate the sizes of the cells' errors from a kernel's map, with a free level where prior and points disagree."""

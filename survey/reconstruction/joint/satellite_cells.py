@@ -7,10 +7,11 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import equal_crs
+from survey.core.crs import equal_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.transformation import transformed
 from survey.data.dem import Dem
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.prior_likelihood import ErrorSizes, Innovations
@@ -200,3 +201,14 @@ def _placed(dem: Dem, crs: CRS, column: FloatArray, row: FloatArray) -> FloatArr
     if equal_crs(dem.crs, crs):
         return places
     return transformed(places, dem.crs, crs, "the satellite's model")
+
+
+def prior_cells(
+    satellite: Dem | None, points: SurfacePoints, bounds: Bounds, errors: PriorErrors
+) -> tuple[SatelliteCells | None, PriorErrors]:
+    """Return a prior's cells, in blocks where there are thousands of them, with their error model."""
+    if satellite is None:
+        return None, errors
+    same_vertical_datum(satellite.vertical_datum, points.vertical_datum, "the satellite and the points")
+    dem, errors = in_blocks(satellite, bounds, errors)
+    return SatelliteCells.of(dem, points.crs, bounds, errors), errors

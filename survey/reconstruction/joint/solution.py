@@ -104,7 +104,7 @@ class JointSolution:
     path: PathError
     has_modes: bool
     points: SurfacePoints
-    found: Hyperparameters
+    hyperparameters: Hyperparameters
     shared: SharedError
     basis: FourierBasis
     trend: PolynomialTrend
@@ -129,7 +129,7 @@ class JointSolution:
     @property
     def finer_m2(self) -> float:
         """Variance of the relief that the map leaves out [m²]."""
-        return self.tail_m2 + self.found.nugget_m**2
+        return self.tail_m2 + self.hyperparameters.nugget_m**2
 
     @property
     def residual_m(self) -> FloatArray:
@@ -153,20 +153,20 @@ class JointSolution:
 
     def _finer_m2(self, half: FloatArray, waves: FloatArray) -> FloatArray:
         """Return the variance (M,) of differences of height that the map's waves leave out, nugget included."""
-        kernel = self.found.kernel
+        kernel = self.hyperparameters.kernel
         apart = kernel.covariance_of_lag(np.array([np.zeros(2), 2.0 * half]))
         left: FloatArray = 2.0 * (apart[0] - apart[1]) - np.sum(waves**2, axis=1)
-        return np.maximum(left, 0.0) + 2.0 * self.found.nugget_m**2
+        return np.maximum(left, 0.0) + 2.0 * self.hyperparameters.nugget_m**2
 
     def on(self, grid: Grid) -> JointMap:
         """Return the map on a grid, and the path's correction."""
         mean, std = self.fields(grid)
         nearest = np.asarray(cKDTree(self.points.xy).query(grid.xy)[0]).reshape(grid.shape)
-        prior = self.found.kernel.variance_m2 + self.found.nugget_m**2
+        prior = self.hyperparameters.kernel.variance_m2 + self.hyperparameters.nugget_m**2
         codes = support_codes(
             nearest,
             std**2 / prior,
-            shortest_length_m=self.found.kernel.length_scales_m[0],
+            shortest_length_m=self.hyperparameters.kernel.length_scales_m[0],
             step_m=grid.step_m,
         )
         datum = self.points.vertical_datum
@@ -175,7 +175,7 @@ class JointSolution:
             Dem.on(grid, std, datum),
             codes,
             "gp",
-            self.hyperparameters(),
+            self.record(),
             quantity=ELEVATION,
             diagnostics=self.diagnostics(),
         )
@@ -192,10 +192,10 @@ class JointSolution:
 
     def correction(self) -> PathCorrection:
         """Return the path's error, as the map found it, averaged over levels of the prior."""
-        found = self._correction()
+        alone = self._correction()
         if self.stated is None:
-            return found
-        return found.mixed(self.stated.solution.correction(), self.stated.probability)
+            return alone
+        return alone.mixed(self.stated.solution.correction(), self.stated.probability)
 
     def _correction(self) -> PathCorrection:
         path, n_path = self.path, self.shared.poses.shape[1]
@@ -208,12 +208,12 @@ class JointSolution:
             covariance = path.pose_covariances[0][:, :3, :3]
         return PathCorrection(path.time_s, shift, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
 
-    def hyperparameters(self) -> dict[str, Any]:
+    def record(self) -> dict[str, Any]:
         """Return family, parameters and what is assumed of the satellite, for the record."""
         return {
-            "family": self.found.family,
-            **self.found.kernel.parameters(),
-            "nugget_m": self.found.nugget_m,
+            "family": self.hyperparameters.family,
+            **self.hyperparameters.kernel.parameters(),
+            "nugget_m": self.hyperparameters.nugget_m,
             "landmark_errors": "joint",
             "satellite": "none" if self.cells is None else "cells as measurements",
         }

@@ -34,8 +34,10 @@ from survey.reconstruction.nodes import NodeWindow, away_from, bilinear
 from survey.reconstruction.observations import Predict
 from survey.reconstruction.terrain_map import SIGMAS_95
 
-_BLOCK_IN_STEPS, _THIN_IN_STEPS = 4.0, 2.0
-_N_FOLDS, _SHARE = 3, 1.0 / 6.0
+# Sides of the blocks that are left out, and of the cells of which one point is predicted.
+_BLOCK_IN_STEPS, _CELL_IN_STEPS = 4.0, 2.0
+_N_FOLDS, _BLOCK_SHARE = 3, 1.0 / 6.0
+# With fewer predictions nothing is calibrated.
 _N_LEAST = 40
 # Without enough blocks to say otherwise both factors are 1, give or take a factor of 1.6.
 _PRIOR_LOG_SD = 0.5
@@ -103,16 +105,15 @@ def _fold(
     points: FloatArray, noise_m2: FloatArray, step_m: float, predict: Predict, k: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return errors, variances of the surface and variances of the points that were left out in one fold."""
-    out = left_out_blocks(points[:, :2], _BLOCK_IN_STEPS * step_m, _SHARE, k)
+    out = left_out_blocks(points[:, :2], _BLOCK_IN_STEPS * step_m, _BLOCK_SHARE, k)
     if out.all() or not out.any():
         nothing = np.zeros(0)
         return nothing, nothing, nothing
-    cells = np.floor(points[out, :2] / (_THIN_IN_STEPS * step_m)).astype(np.int64)
-    asked = np.flatnonzero(out)[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
-    mean, variance = predict(~out, points[asked, :2])
+    predicted = _one_per_cell(points, out, step_m)
+    mean, variance = predict(~out, points[predicted, :2])
     known = np.isfinite(mean)
-    error: FloatArray = points[asked, 2] - mean
-    return error[known], variance[known], noise_m2[asked][known]
+    error: FloatArray = points[predicted, 2] - mean
+    return error[known], variance[known], noise_m2[predicted][known]
 
 
 def left_out_blocks(xy: FloatArray, side_m: float, share: float, number: int) -> BoolArray:
@@ -129,13 +130,12 @@ def _coverage(error: FloatArray, variance: FloatArray) -> float:
 
 # Distances to the nearest measured node that part the classes, in steps; the first class is measured itself.
 _CLASSES_IN_STEPS = (0.5, 1.5, 3.0, 6.0)
+# From this class on ground is far from points, and a bound is no narrower than that of normal errors.
 _FAR_CLASS = 3
+# Share of errors beyond a bound.
 _MISS = 0.02
-_N_SIGHTS, _N_ASKED = 6, 2_000
-_SINGLE_SHARE, _BLOCK_SHARE, _SMALL_BLOCK_IN_STEPS = 0.1, 1.0 / 6.0, 4.0
-_CELL_IN_STEPS = 2.0
-# Until so many places say otherwise a class has its neighbour's factor.
-_N_LEAST_IN_CLASS = 40
+_N_SIGHTS, _N_SAMPLED = 6, 2_000
+_SINGLE_SHARE = 0.1
 _NORMAL = 1.959964
 # The end of a ray is the ground itself.
 _END_IN_STEPS = 1.5
@@ -197,10 +197,10 @@ def bound_factors(scenes: Scenes, predict: PredictHidden) -> BoundFactors:
     for out in _left_out(scenes):
         if out.all() or not out.any():
             continue
-        asked = _one_per_cell(scenes.points, out, scenes.window.step_m)
-        height, spread, away = predict(~out, scenes.points[asked, :2])
+        predicted = _one_per_cell(scenes.points, out, scenes.window.step_m)
+        height, spread, away = predict(~out, scenes.points[predicted, :2])
         known = np.isfinite(height)
-        errors.append(((height - scenes.points[asked, 2]) / spread)[known])
+        errors.append(((height - scenes.points[predicted, 2]) / spread)[known])
         classes.append(np.searchsorted(_CLASSES_IN_STEPS, away[known]))
     if not errors:
         return BoundFactors.normal()
@@ -215,7 +215,8 @@ def _factors(error: FloatArray, number: IntArray) -> BoundFactors:
     for k in range(n):
         # Far from the points errors are alike over metres, and few views say less than their many places seem to.
         least = _NORMAL if k >= _FAR_CLASS else 1.0
-        if count[k] >= _N_LEAST_IN_CLASS:
+        # Until enough places say otherwise, a class has its neighbour's factor.
+        if count[k] >= _N_LEAST:
             below[k], above[k] = (max(least, _quantile(sign * error[number == k])) for sign in (1.0, -1.0))
         elif k:
             below[k], above[k] = max(least, below[k - 1]), max(least, above[k - 1])
@@ -233,7 +234,7 @@ def _left_out(scenes: Scenes) -> Iterator[BoolArray]:
     for sensor, blind_m in imagined_sensors(scenes):
         yield hidden_from(sensor, blind_m, scenes)
     xy = scenes.points[:, :2]
-    yield left_out_blocks(xy, _SMALL_BLOCK_IN_STEPS * scenes.window.step_m, _BLOCK_SHARE, 0)
+    yield left_out_blocks(xy, _BLOCK_IN_STEPS * scenes.window.step_m, _BLOCK_SHARE, 0)
     yield stream(0, "lattice", "points left out").random(len(xy)) < _SINGLE_SHARE
 
 
@@ -244,7 +245,7 @@ def imagined_sensors(scenes: Scenes) -> Iterator[tuple[FloatArray, float]]:
     """
     real = scenes.points[:, 4:]
     nodes = scenes.window.xy[scenes.measured.ravel()]
-    nodes = nodes[:: -(-len(nodes) // _N_ASKED)]
+    nodes = nodes[:: -(-len(nodes) // _N_SAMPLED)]
     ground = bilinear(scenes.surface, scenes.window.coordinates(real[:, :2]))
     above = real[:, 2] - ground
     above = above[np.isfinite(above) & (above > 0.0)]

@@ -28,7 +28,7 @@ from survey.reconstruction.lattice.field_posterior import (
     Part,
     Stiffness,
     is_small,
-    likeliest,
+    likeliest_stiffness,
 )
 from survey.reconstruction.line_of_sight.ceiling import LowestRays, steepness
 from survey.reconstruction.line_of_sight.returns import checked_origins, ends_far_below, ghosts
@@ -69,8 +69,8 @@ class FieldLattice(LatticeModel):
 
     With ``rays`` the surface stays below the third-lowest line of sight over every node, as far as
     the points allow (`solve_below`), and its bounds are no multiples of the standard deviation: they
-    are as wide as ground hidden from imagined sensors asked for (`hidden_ground`), the upper one cut
-    at the ceiling. Where nothing was seen for many metres (`UNSEEN`) they say little.
+    are as wide as hidden ground needed (`survey.reconstruction.lattice.calibration.bound_factors`), the upper one
+    cut at the ceiling. Where nothing was seen for many metres (`UNSEEN`) they say little.
 
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 8.0, (900, 2))
@@ -167,7 +167,8 @@ class FieldLattice(LatticeModel):
         self._calibration = self._bounds = self._factors = None
         if self.config.learns and _is_power_of_two(self.n_scans_):
             self.stiffness_ = (
-                likeliest(self.recent.xyzw, self.config.node_step_m, self._learned) or self.stiffness_
+                likeliest_stiffness(self.recent.xyzw, self.config.node_step_m, self._learned)
+                or self.stiffness_
             )
         part = self._part_about(points)
         if self.rays is None:
@@ -374,9 +375,6 @@ class FieldLattice(LatticeModel):
 
 def _is_power_of_two(n: int) -> bool:
     return n & (n - 1) == 0
-
-
-__all__ = ["FieldLattice"]
 
 
 _FORMAT = "firnline field lattice 2"

@@ -7,7 +7,7 @@ The prior of the heights z about a plane is that of a thin plate on an elastic b
 a Gaussian field of Matérn smoothness 1 (Lindgren, Rue and Lindström 2011): κ is the
 stiffness, without a unit, and ρ the range [m] at which the correlation has fallen to about 0.1.
 
-`Information` holds the points of all scans, summed into a stencil to which more can be added. `likeliest` estimates
+`Information` holds the points of all scans, summed into a stencil to which more can be added. `likeliest_stiffness` estimates
 stiffness, range and the scale of the sensor's errors by maximum likelihood on patches of the lattice. `FieldPosterior`
 gives heights, their standard deviation, and surfaces drawn from the posterior.
 """
@@ -24,13 +24,11 @@ from scipy.optimize import minimize_scalar
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.reconstruction.lattice import stencil as kernel
-from survey.reconstruction.lattice import stencil as point_sums
 from survey.reconstruction.lattice.config import FieldLatticeConfig
+from survey.reconstruction.lattice.multigrid import Operator
 from survey.reconstruction.lattice.solver import (
     FREE,
     Ceiling,
-    Operator,
     Rim,
     VCyclePreconditioner,
     band_cholesky,
@@ -40,7 +38,19 @@ from survey.reconstruction.lattice.solver import (
     solve,
     solve_below,
 )
-from survey.reconstruction.lattice.stencil import EAST, NORTH, NORTH_EAST, NORTH_WEST, Draws, Weights, apply
+from survey.reconstruction.lattice.stencil import (
+    EAST,
+    NORTH,
+    NORTH_EAST,
+    NORTH_WEST,
+    Draws,
+    Weights,
+    add_moments,
+    add_moments_of_sums,
+    add_points,
+    apply,
+    prior_noise,
+)
 from survey.reconstruction.nodes import NodeWindow
 
 
@@ -74,8 +84,8 @@ class Information:
     def add(self, points: FloatArray) -> None:
         """Add points (N, 4): lattice coordinates u and v, height above the datum [m] and weight 1/σ² [1/m²]."""
         self.n_points += len(points)
-        point_sums.add_points(points, self.stencil, self.rhs, self.draws, self.n_points)
-        point_sums.add_moments(points, self.moments)
+        add_points(points, self.stencil, self.rhs, self.draws, self.n_points)
+        add_moments(points, self.moments)
 
     def carried(self, new: NodeWindow, old: NodeWindow, z: FloatArray) -> "Information":
         """Return the sums on another window.
@@ -95,7 +105,7 @@ class Information:
         draws[old.within(new)] = self.draws[kept]
         stencil, rhs = _without_loose_ends(new.carried(self.stencil, old)), new.carried(rhs, old)
         moments = np.zeros((3, 4))
-        point_sums.add_moments_of_sums(stencil, rhs, moments)
+        add_moments_of_sums(stencil, rhs, moments)
         return Information(stencil, rhs, draws, moments, self.n_points)
 
     def part(self, rows: slice, columns: slice) -> tuple[FloatArray, FloatArray]:
@@ -243,7 +253,9 @@ class _Joint:
         return 0.5 * float(twice), noise_factor
 
 
-def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
+def likeliest_stiffness(
+    points: FloatArray, step_m: float, start: Stiffness | None = None
+) -> Stiffness | None:
     """Return the likeliest stiffness, range and noise factor; None when the points are too few.
 
     `points` (N, 4): easting and northing [m], height above a local datum [m], weight 1/σ² [1/m²]. `step_m`:
@@ -364,7 +376,7 @@ class FieldPosterior:
     def heights(self) -> FloatArray:
         """Return the heights (H, W) above the datum [m]; the best plane where no solution has reached yet."""
         unknown = np.isnan(self.z)
-        return np.where(unknown, self._plane(self._whole()), self.z) if unknown.any() else self.z
+        return np.where(unknown, self._plane(self._all_nodes()), self.z) if unknown.any() else self.z
 
     def solve(
         self,
@@ -403,7 +415,7 @@ class FieldPosterior:
 
     def std(self, window: NodeWindow, stiffness: Stiffness) -> FloatArray:
         """Return the standard deviation (H, W) [m]: exact on small maps, from draws on large ones."""
-        operator = self._operator(self._whole(), self.information.stencil, window.step_m, stiffness)
+        operator = self._operator(self._all_nodes(), self.information.stencil, window.step_m, stiffness)
         if is_small(operator.shape):
             variance = exact_variance(operator)
         else:
@@ -418,7 +430,7 @@ class FieldPosterior:
         self, window: NodeWindow, stiffness: Stiffness, n: int, rng: np.random.Generator
     ) -> FloatArray:
         """Return n surfaces (n, H, W) above the datum [m], drawn from the posterior."""
-        operator = self._operator(self._whole(), self.information.stencil, window.step_m, stiffness)
+        operator = self._operator(self._all_nodes(), self.information.stencil, window.step_m, stiffness)
         if is_small(operator.shape):
             deviations: Iterator[FloatArray] = _exact_deviations(operator, n, rng)
         else:
@@ -451,9 +463,7 @@ class FieldPosterior:
         by = VCyclePreconditioner(operator, FREE)
         start = np.zeros(operator.shape)
         for error in errors:
-            kernel.prior_noise(
-                operator.weights, operator.soft, rng.standard_normal((6, *operator.shape)), error
-            )
+            prior_noise(operator.weights, operator.soft, rng.standard_normal((6, *operator.shape)), error)
             yield solve(operator, error, start, tolerance=_DRAW_TOLERANCE, preconditioner=by).z
 
     def _kept_draws(self) -> Iterator[FloatArray]:
@@ -473,7 +483,7 @@ class FieldPosterior:
     def _plane(self, part: Part) -> FloatArray:
         return plane_heights(self.information.plane(), part.rows, part.columns)
 
-    def _whole(self) -> Part:
+    def _all_nodes(self) -> Part:
         rows, columns = self.z.shape
         return Part(slice(0, rows), slice(0, columns))
 

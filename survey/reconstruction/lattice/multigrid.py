@@ -203,14 +203,9 @@ def solve_triangles(factor: FloatArray, rhs: FloatArray) -> FloatArray:
 
 
 _N_COARSEST = 64
-
-
 # Largest eigenvalue of a plate or membrane beside its diagonal: 64 / 20, and 4 with factors on the curvatures.
 _SPECTRUM, _SPECTRUM_OF_FACTORS = 3.2, 4.0
-
-
-_HEAVY = 1e3
-
+_RIM_WEIGHT = 1e3
 
 RimCounts = tuple[int, int, int, int]
 
@@ -255,7 +250,7 @@ class Hierarchy(NamedTuple):
     rim: RimCounts
 
 
-Rooms = tuple[FloatArray, FloatArray, FloatArray]
+Workspace = tuple[FloatArray, FloatArray, FloatArray]
 """Right-hand sides, heights and residuals of all levels: where a V-cycle writes."""
 
 
@@ -275,8 +270,8 @@ def hierarchy(operator: Operator, rim: RimCounts) -> Hierarchy:
 
 
 @njit(cache=True)
-def rooms(shapes: IntArray) -> Rooms:
-    """Return room for one V-cycle."""
+def workspace(shapes: IntArray) -> Workspace:
+    """Return the workspace of one V-cycle."""
     n = 0
     for k in range(len(shapes)):
         n += shapes[k, 0] * shapes[k, 1]
@@ -335,7 +330,7 @@ def clear(array: FloatArray, rim: RimCounts) -> None:
 @njit(cache=True)
 def _hold_rim(rim: RimCounts, held: FloatArray, bound: FloatArray) -> None:
     """Give the nodes of a rim a great weight, and no step of the smoother."""
-    free, weight = np.ones(bound.shape), _HEAVY * bound.max()
+    free, weight = np.ones(bound.shape), _RIM_WEIGHT * bound.max()
     clear(free, rim)
     for j in range(bound.shape[0]):
         for i in range(bound.shape[1]):
@@ -413,22 +408,22 @@ def _apply_at(k: int, operator: Operator, levels: Hierarchy, z: FloatArray, out:
 
 @njit(cache=True)
 def _arrays_at(
-    k: int, levels: Hierarchy, room: Rooms
+    k: int, levels: Hierarchy, work_arrays: Workspace
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return right-hand side, solution, work space and inverse diagonal bound of one level."""
     shapes = levels.shapes
     return (
-        level_grid(room[0], shapes, k),
-        level_grid(room[1], shapes, k),
-        level_grid(room[2], shapes, k),
+        level_grid(work_arrays[0], shapes, k),
+        level_grid(work_arrays[1], shapes, k),
+        level_grid(work_arrays[2], shapes, k),
         level_grid(levels.inverse_bound, shapes, k),
     )
 
 
 @njit(cache=True)
-def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
+def _descend(k: int, operator: Operator, levels: Hierarchy, work_arrays: Workspace) -> None:
     """Smooth one level from zero, and restrict its residual to the next coarser one."""
-    rhs, z, work, inverse = _arrays_at(k, levels, room)
+    rhs, z, work, inverse = _arrays_at(k, levels, work_arrays)
     for j in range(z.shape[0]):
         for i in range(z.shape[1]):
             z[j, i] = _STEPS[0] * inverse[j, i] * rhs[j, i]
@@ -440,14 +435,14 @@ def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None
             work[j, i] = rhs[j, i] - work[j, i]
     if k == 0:
         clear(work, levels.rim)
-    restrict(work, level_grid(room[0], levels.shapes, k + 1))
+    restrict(work, level_grid(work_arrays[0], levels.shapes, k + 1))
 
 
 @njit(cache=True)
-def _ascend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
+def _ascend(k: int, operator: Operator, levels: Hierarchy, work_arrays: Workspace) -> None:
     """Add the coarser level's correction, and smooth in reverse order."""
-    rhs, z, work, inverse = _arrays_at(k, levels, room)
-    add_prolonged(level_grid(room[1], levels.shapes, k + 1), z)
+    rhs, z, work, inverse = _arrays_at(k, levels, work_arrays)
+    add_prolonged(level_grid(work_arrays[1], levels.shapes, k + 1), z)
     if k == 0:
         clear(z, levels.rim)
     _apply_at(k, operator, levels, z, work)
@@ -458,19 +453,19 @@ def _ascend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
 
 @njit(cache=True)
 def cycle(
-    operator: Operator, levels: Hierarchy, residual: FloatArray, result: FloatArray, room: Rooms
+    operator: Operator, levels: Hierarchy, residual: FloatArray, result: FloatArray, work_arrays: Workspace
 ) -> None:
     """Set `result` to one V-cycle: down to the coarsest level, solved exactly, and up again."""
     shapes = levels.shapes
     last = len(shapes) - 1
-    copy(residual, level_grid(room[0], shapes, 0))
+    copy(residual, level_grid(work_arrays[0], shapes, 0))
     for k in range(last):
-        _descend(k, operator, levels, room)
-    coarsest = solve_triangles(levels.coarsest, level_grid(room[0], shapes, last))
-    copy(coarsest, level_grid(room[1], shapes, last))
+        _descend(k, operator, levels, work_arrays)
+    coarsest = solve_triangles(levels.coarsest, level_grid(work_arrays[0], shapes, last))
+    copy(coarsest, level_grid(work_arrays[1], shapes, last))
     for k in range(last - 1, -1, -1):
-        _ascend(k, operator, levels, room)
-    copy(level_grid(room[1], shapes, 0), result)
+        _ascend(k, operator, levels, work_arrays)
+    copy(level_grid(work_arrays[1], shapes, 0), result)
     clear(result, levels.rim)
 
 
@@ -490,13 +485,13 @@ def conjugate_gradients(
 ) -> tuple[FloatArray, int]:
     """Return the solution and the number of iterations; `until` are tolerance and most iterations."""
     tolerance, max_iterations = until
-    room = rooms(levels.shapes)
+    work_arrays = workspace(levels.shapes)
     z, work, correction = start.copy(), np.empty_like(rhs), np.empty_like(rhs)
     apply(operator.stencil, operator.weights, operator.soft, z, work)
     residual = rhs.copy()
     subtract(work, residual)
     clear(residual, levels.rim)
-    cycle(operator, levels, residual, correction, room)
+    cycle(operator, levels, residual, correction, work_arrays)
     direction = correction.copy()
     squared = dot(residual, correction)
     n_iterations = 0
@@ -504,7 +499,7 @@ def conjugate_gradients(
         apply(operator.stencil, operator.weights, operator.soft, direction, work)
         clear(work, levels.rim)
         _advance(squared / dot(direction, work), direction, work, z, residual)
-        cycle(operator, levels, residual, correction, room)
+        cycle(operator, levels, residual, correction, work_arrays)
         before, squared = squared, dot(residual, correction)
         for j in range(direction.shape[0]):
             for i in range(direction.shape[1]):

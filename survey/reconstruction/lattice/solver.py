@@ -30,12 +30,11 @@ from threadpoolctl import ThreadpoolController
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.reconstruction.lattice import multigrid
-from survey.reconstruction.lattice.multigrid import Operator, hierarchy, rooms
+from survey.reconstruction.lattice.multigrid import Operator, conjugate_gradients, cycle, hierarchy, workspace
 
 
 class Rim(NamedTuple):
-    """How many rows in the south and north, and columns in the west and east, are held fixed."""
+    """Nodes with fixed heights: numbers of rows in the south and north, and of columns in the west and east."""
 
     south: int = 0
     north: int = 0
@@ -44,13 +43,13 @@ class Rim(NamedTuple):
 
 
 FREE = Rim()
-"""Nothing is held fixed."""
+"""No node is fixed."""
 
 
 class VCyclePreconditioner:
     """One V-cycle as an approximate inverse, symmetric and positive definite.
 
-    `operator`: the finest level. `rim`: what is held fixed.
+    `operator`: the finest level. `rim`: nodes with fixed heights.
     """
 
     def __init__(self, operator: Operator, rim: Rim = FREE) -> None:
@@ -60,8 +59,7 @@ class VCyclePreconditioner:
     def __call__(self, residual: FloatArray) -> FloatArray:
         """Return roughly A⁻¹ times a residual."""
         z = np.zeros_like(residual)
-        room = rooms(self.levels.shapes)
-        multigrid.cycle(self.operator, self.levels, residual, z, room)
+        cycle(self.operator, self.levels, residual, z, workspace(self.levels.shapes))
         return z
 
 
@@ -95,15 +93,12 @@ def solve(
         raise ValueError(f"shapes differ: operator {operator.shape}, rhs {rhs.shape}, start {start.shape}")
     by = preconditioner or VCyclePreconditioner(operator)
     until = (tolerance, max_iterations)
-    return Solution(*multigrid.conjugate_gradients(operator, by.levels, rhs, start, until))
+    return Solution(*conjugate_gradients(operator, by.levels, rhs, start, until))
 
 
-__all__ = ["FREE", "Operator", "Rim", "Solution", "VCyclePreconditioner", "solve"]
-
-
-_MOST_STEPS = 40
+_MAX_NEWTON_STEPS = 40
 # Until the same nodes touch again, a solution need not be as good.
-_ROUGHLY = 5.0
+_EARLY_TOLERANCE_FACTOR = 5.0
 
 
 class Ceiling(NamedTuple):
@@ -153,10 +148,12 @@ def solve_below(
     z, n_iterations = start, 0
     # At first all springs pull as they like: a soft surface far above its ceiling is no contradiction.
     pull = foreseen = ceiling._replace(yield_m=np.inf).pull(z)
-    by = VCyclePreconditioner(_pulled(operator, foreseen), rim)
-    allowed = _ROUGHLY * tolerance
-    for _ in range(_MOST_STEPS):
-        z, n = solve(_pulled(operator, pull), rhs + pull * level, z, tolerance=allowed, preconditioner=by)
+    by = VCyclePreconditioner(_with_springs(operator, foreseen), rim)
+    allowed = _EARLY_TOLERANCE_FACTOR * tolerance
+    for _ in range(_MAX_NEWTON_STEPS):
+        z, n = solve(
+            _with_springs(operator, pull), rhs + pull * level, z, tolerance=allowed, preconditioner=by
+        )
         n_iterations += n
         before, pull = pull, ceiling.pull(z)
         if (np.abs(pull - before) <= tolerance * np.minimum(pull, before)).all():
@@ -166,11 +163,11 @@ def solve_below(
         # A preconditioner made for stronger springs still serves; for weaker ones it could fail.
         if (pull > foreseen).any():
             foreseen = np.maximum(pull, foreseen)
-            by = VCyclePreconditioner(_pulled(operator, foreseen), rim)
+            by = VCyclePreconditioner(_with_springs(operator, foreseen), rim)
     return Solution(z, n_iterations)
 
 
-def _pulled(operator: Operator, pull: FloatArray) -> Operator:
+def _with_springs(operator: Operator, pull: FloatArray) -> Operator:
     stencil = operator.stencil.copy()
     stencil[0] += pull
     return Operator(stencil, operator.weights, operator.soft)

@@ -17,7 +17,8 @@ from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.lattice.config import SpringLatticeConfig
-from survey.reconstruction.lattice.solver import Operator, solve
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import solve
 from survey.reconstruction.nodes import LatticeFrame, LatticeModel, NodeWindow, require_room, sensor_place
 from survey.reconstruction.terrain_model import Capabilities, local_datum_m
 

@@ -22,14 +22,15 @@ from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import CapacityError, InputError
 from survey.data.surface_points import SurfacePoints
 
-# A neighbourhood is 3 × 3 cells; where it holds too few points, one of cells four times as wide is asked.
+# A neighbourhood is 3 × 3 cells; where it holds too few points, one of cells four times as wide is used.
 _CELL_M, _WIDER = 1.0, 4.0
 _N_LEAST = 6
-_N_ASKED = 32
+_N_SAMPLED = 32
 _N_COMPANIONS = 3
 LEAST_M = 0.3
 _SIGMAS = 4.0
-_QUARTILES_TO_SIGMA = 1.349
+QUARTILES_TO_SIGMA = 1.349
+"""Distance of the quartiles of a normal distribution over its standard deviation."""
 
 
 def ghosts(xyz: FloatArray) -> BoolArray:
@@ -38,7 +39,7 @@ def ghosts(xyz: FloatArray) -> BoolArray:
     A ghost lies farther from the median height of its neighbours, within 1 to 2 m, than
     0.3 m and four of their standard deviations, taken from their quartiles, and fewer than
     three of them lie within 0.3 m of its height: the top of a pile is not alone. Where fewer than six points are
-    near, those within 4 to 8 m are asked; without six there, a point is accepted.
+    near, those within 4 to 8 m are used; without six there, a point is accepted.
 
     >>> xy = np.random.default_rng(0).uniform(0.0, 5.0, (200, 2))
     >>> xyz = np.column_stack([xy, 0.1 * xy[:, 0]])
@@ -109,7 +110,7 @@ def _judged(z: FloatArray, key: IntArray, order: IntArray, n_east: int) -> tuple
             spans[row, 0] = np.searchsorted(keys, start)
             spans[row, 1] = np.searchsorted(keys, start + 3)
             total += spans[row, 1] - spans[row, 0]
-        stride = (total + _N_ASKED - 1) // _N_ASKED
+        stride = (total + _N_SAMPLED - 1) // _N_SAMPLED
         heights = np.empty(total // stride + 1)
         m, count = 0, 0
         for row in range(3):
@@ -118,9 +119,9 @@ def _judged(z: FloatArray, key: IntArray, order: IntArray, n_east: int) -> tuple
                     heights[m] = z[order[a]]
                     m += 1
                 count += 1
-        asked = np.sort(heights[:m])
-        middle = asked[m // 2]
-        allowed = max(LEAST_M, _SIGMAS * (asked[3 * m // 4] - asked[m // 4]) / _QUARTILES_TO_SIGMA)
+        sampled = np.sort(heights[:m])
+        middle = sampled[m // 2]
+        allowed = max(LEAST_M, _SIGMAS * (sampled[3 * m // 4] - sampled[m // 4]) / QUARTILES_TO_SIGMA)
         for a in range(first, k):
             height = z[order[a]]
             n_near[order[a]] = total
@@ -267,7 +268,7 @@ def _refuse_buried(xyz: FloatArray, origins: FloatArray) -> None:
     some = xyz[:: -(-len(xyz) // _N_SAMPLED)]
     tree = cKDTree(some[:, :2])
     beside = [np.asarray(tree.query_ball_point(place[:2], _BESIDE_M), dtype=np.int64) for place in places]
-    # All within reach are asked: the nearest may hang over the sensor.
+    # All within reach are examined: the nearest may hang over the sensor.
     buried = np.array(
         [
             len(near) >= _N_LEAST_BESIDE and np.mean(some[near, 2] > place[2]) > _UNDER_SHARE

@@ -1,25 +1,26 @@
-"""Gaussian processes with independent errors: the Fourier engine (gp) and the dense one (dense).
+"""Gaussian processes: the Fourier engine (gp), the dense one (dense), and map and path as one estimate (joint).
 
+With gp and dense the points have independent errors; with joint they share the errors of the poses they were seen from.
 A map from points alone gets larger standard deviations far beyond them, and a fitted map around a prior subtracts the
 prior's estimated errors first. Every map that was not divided into tiles claims the posterior of its error.
 """
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from survey.core.crs import same_crs, same_vertical_datum
+from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.fit import Learned
-from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.gp.process import EngineName
+from survey.reconstruction.gp.engine_choice import EngineName
+from survey.reconstruction.gp.mean import Mean, estimated_prior
 from survey.reconstruction.method import (
     MappedTerrain,
     MappingTask,
@@ -28,6 +29,9 @@ from survey.reconstruction.method import (
     config_of,
 )
 from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
+
+if TYPE_CHECKING:
+    from survey.reconstruction.gp.fit import Learned
 
 
 def check_length_scale(settings: ScanSettings) -> None:
@@ -57,8 +61,6 @@ def _with_estimated_prior(
     task: MappingTask,
 ) -> tuple[GaussianProcessConfig, Dem | Mean | None, dict[str, Any]]:
     """Return the settings, the prior less its estimated errors, and their record; a stated kernel takes a prior as exact."""
-    from survey.reconstruction.gp.mean import estimated_prior
-
     config, errors = task.config(GaussianProcessConfig), task.config(JointConfig).satellite
     prior = task.prior
     if (
@@ -72,6 +74,22 @@ def _with_estimated_prior(
     same_vertical_datum(prior.vertical_datum, task.points.vertical_datum, "the prior and the points")
     estimated = estimated_prior(prior, task.points, errors.model())
     return config.model_copy(update={"prior_level": "estimated"}), estimated.dem, estimated.facts
+
+
+def with_claim(result: Reconstruction, learned: "Learned", area: SurveyArea | None) -> Reconstruction:
+    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none."""
+    grid, std = result.mean.grid(), result.std.elevation
+    inside = np.isfinite(std)
+    if area is not None:
+        inside &= area.contains(grid.xy).reshape(grid.shape)
+    if learned.process.divides_site or not inside.any():
+        return result
+    rows = sampled_nodes(inside)
+    covariance = learned.process.joint_covariance(grid.xy[rows])
+    covariance[np.diag_indices(len(rows))] += learned.hyperparameters.nugget_m**2
+    untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
+    claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
+    return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})
 
 
 GP = ReconstructionMethod(
@@ -92,17 +110,29 @@ DENSE = ReconstructionMethod(
 )
 
 
-def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None) -> Reconstruction:
-    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none."""
-    grid, std = result.mean.grid(), result.std.elevation
-    inside = np.isfinite(std)
-    if area is not None:
-        inside &= area.contains(grid.xy).reshape(grid.shape)
-    if learned.process.divides_site or not inside.any():
-        return result
-    rows = sampled_nodes(inside)
-    covariance = learned.process.joint_covariance(grid.xy[rows])
-    covariance[np.diag_indices(len(rows))] += learned.found.nugget_m**2
-    untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
-    claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
-    return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})
+def _run_joint(task: MappingTask) -> MappedTerrain:
+    from survey.reconstruction.joint.joint_map import JointTerrain
+
+    if task.path is None:
+        raise InputError(
+            "the joint map needs the error that the points share through their path, and none was given; give a "
+            "trajectory with its .error.npz (`path=trajectory.error`), or take the method gp."
+        )
+    if isinstance(task.prior, Mean):
+        raise InputError(
+            f"the joint map takes a prior's cells as measurements, and a {type(task.prior).__name__} has none; "
+            "give the prior as a Dem or leave it out."
+        )
+    model = JointTerrain(task.path, task.prior, task.config(GaussianProcessConfig), task.config(JointConfig))
+    made = model.map(task.points, task.grid, task.area)
+    return MappedTerrain(made.reconstruction, made.correction, solution=made.solution)
+
+
+JOINT = ReconstructionMethod(
+    "joint",
+    "Gaussian process and path as one estimate",
+    _run_joint,
+    {"gp": GaussianProcessConfig, "joint": JointConfig},
+    needs_path=True,
+    check=check_length_scale,
+)

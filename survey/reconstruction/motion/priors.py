@@ -8,13 +8,12 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.data.ice_motion import IceMotion
+from survey.data.ice_motion import DAY_S, IceMotion
 
 # Neighbouring cells of a tracked velocity share their windows: so many cells count as one.
 _CELLS_OF_A_WINDOW = 4.0
 # Density of ice times gravity [Pa/m], yield stress [Pa] and rate factor of temperate ice [1/(s Pa³)].
 _ICE_PA_M, _YIELD_PA, _RATE_FACTOR = 917.0 * 9.81, 1.0e5, 2.4e-24
-_DAY_S = 86400.0
 
 
 def uniform_motion(
@@ -132,7 +131,7 @@ def motion_from_slope(
     if not slope > 0.0:
         raise InputError("the surface has no slope along which ice could flow; state the velocity instead.")
     thickness_m = plastic_thickness_m(slope, shape_factor)
-    deformation = 0.5 * _RATE_FACTOR * _YIELD_PA**3 * thickness_m * _DAY_S
+    deformation = 0.5 * _RATE_FACTOR * _YIELD_PA**3 * thickness_m * DAY_S
     along = np.array([-east, -north]) / slope
     across = np.array([-along[1], along[0]])
     spread = 25.0 * deformation**2 * (np.outer(along, along) + np.outer(across, across) / 9.0)

@@ -5,16 +5,20 @@ twice. `area_mean` returns the mean height of the map and its standard deviation
 epochs.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.ice_motion import IceMotion
 from survey.data.path_error import motion_rows
-from survey.reconstruction.joint.solution import JointSolution
+
+if TYPE_CHECKING:
+    from survey.reconstruction.joint.solution import JointSolution
 
 
-def refined_motion(motion: IceMotion, solution: JointSolution) -> IceMotion:
+def refined_motion(motion: IceMotion, solution: "JointSolution") -> IceMotion:
     """Return the motion of the ice after a joint estimate, which sees it through places that were passed twice."""
     if solution.has_modes:
         return motion
@@ -31,7 +35,7 @@ def refined_motion(motion: IceMotion, solution: JointSolution) -> IceMotion:
 _MOST_NODES = 400
 
 
-def area_mean(solution: JointSolution, grid: Grid) -> tuple[float, float]:
+def area_mean(solution: "JointSolution", grid: Grid) -> tuple[float, float]:
     """Return the mean height of a joint map over the nodes of a grid, and its standard deviation [m].
 
     The errors of different nodes are correlated by path, fixes and the motion of the ice: a level error does not average

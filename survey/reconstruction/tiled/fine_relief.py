@@ -18,7 +18,8 @@ from scipy.ndimage import uniform_filter
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.lattice.field_posterior import Information, Stiffness
-from survey.reconstruction.lattice.solver import Operator, VCyclePreconditioner, solve
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import VCyclePreconditioner, solve
 from survey.reconstruction.lattice.stencil import prior_diagonal, prior_noise
 from survey.reconstruction.nodes import away_from
 from survey.reconstruction.tiled.layout import CellWindow
@@ -259,7 +260,7 @@ def add_point_errors(
 
 
 @njit(cache=True)
-def chosen(column: IntArray, row: IntArray, side: int, share: float) -> IntArray:
+def choose_squares(column: IntArray, row: IntArray, side: int, share: float) -> IntArray:
     """Return 1 (N,) for the cells of randomly chosen squares of `side` cells that make up a share of all, else 0."""
     out = np.zeros(len(column), np.int64)
     limit = np.uint64(share * 2.0**53)

@@ -1,6 +1,6 @@
 """Parameters that all tiles share: strip errors, long relief, and the prior and calibration of the fine relief.
 
-`long_relief` is a Gaussian field on blocks of cells over the entire map, the mean of the fine relief. `solve_shared` solves
+`long_relief` is a Gaussian field on blocks of cells over the entire map, the mean of the fine relief. `solve_global` solves
 for the errors of strips and the long relief from the summaries of all tiles, and stores them. `measurements` makes the
 cells of a window measurements of the fine relief: residuals to the long relief, errors of strips removed. `learn` estimates
 the stiffness of the fine relief by maximum likelihood on patches, and calibrates its standard deviation by cells that are
@@ -26,15 +26,15 @@ from survey.reconstruction.lattice.field_posterior import (
     LatticeLikelihood,
     Part,
     Stiffness,
-    likeliest,
     likeliest_of,
+    likeliest_stiffness,
 )
 from survey.reconstruction.nodes import NodeWindow, bilinear
 from survey.reconstruction.tiled.cells import cells_in, mean_heights, slopes
 from survey.reconstruction.tiled.fine_relief import (
     CellPoints,
     FineRelief,
-    chosen,
+    choose_squares,
     fine_relief,
     variance_within_cells,
 )
@@ -49,7 +49,7 @@ from survey.reconstruction.tiled.strips import (
     from_arrays,
     solve_strips,
 )
-from survey.reconstruction.tiled.summaries import shrunk_variance, slopes_at
+from survey.reconstruction.tiled.summaries import USUAL_M2, shrunk_variance, slopes_at
 
 _N_DRAWS = 32
 _SIGMA_M = 0.1
@@ -109,11 +109,13 @@ def long_relief(
     level = float(np.median(height))
     weight = blocks[:, 1] / coarse_cells**2 / _SIGMA_M**2
     xyzw = np.column_stack([blocks[:, 2:4], height - level, weight])
-    stiffness = likeliest(xyzw[:: -(-len(xyzw) // _LEARNT_FROM)], window.step_m) or _FALLBACK_LONG_RELIEF
+    stiffness = (
+        likeliest_stiffness(xyzw[:: -(-len(xyzw) // _LEARNT_FROM)], window.step_m) or _FALLBACK_LONG_RELIEF
+    )
     posterior = FieldPosterior.empty(window.shape, _N_DRAWS)
     posterior.information.add(np.column_stack([places, xyzw[:, 2:]]))
-    whole = Part(slice(0, window.rows), slice(0, window.columns))
-    posterior.solve(whole, window.step_m, stiffness, FieldLatticeConfig(tolerance=0.01))
+    all_nodes = Part(slice(0, window.rows), slice(0, window.columns))
+    posterior.solve(all_nodes, window.step_m, stiffness, FieldLatticeConfig(tolerance=0.01))
     std = posterior.std(window, stiffness)
     return LongRelief(window, posterior.heights() + level + about, std, stiffness.range_m)
 
@@ -137,10 +139,7 @@ def relief_of(arrays: Mapping[str, Any]) -> LongRelief:
     return LongRelief(window, arrays["relief_height"], arrays["relief_std"], reach_m)
 
 
-_USUAL_M2 = 0.05**2
-
-
-class Shared(NamedTuple):
+class GlobalParameters(NamedTuple):
     """What all tiles share.
 
     `strips`: errors of strips. `usual_m2`: variance of a point about the ground [m²]. `relief`: relief longer
@@ -155,7 +154,7 @@ class Shared(NamedTuple):
     pairs: StripPairs
 
 
-class Learnt(NamedTuple):
+class ReliefHyperparameters(NamedTuple):
     """Prior of the fine relief, and factors on the standard deviations by withheld cells.
 
     `stiffness`: prior of the fine relief. `calibration`: factors by withheld cells. `within_cells`: variance
@@ -173,10 +172,10 @@ class Learnt(NamedTuple):
         return variance
 
 
-def solve_shared(job: TiledJob, tiles: list[MapTile]) -> Shared:
+def solve_global(job: TiledJob, tiles: list[MapTile]) -> GlobalParameters:
     """Return what the summaries of all tiles determine, and write it; what is there is read."""
     if job.shared_file.exists():
-        return read_shared(job)
+        return read_global(job)
     found = [load_arrays(job.summary_file(tile)) for tile in tiles]
     if not found:
         raise InputError("no point lies in the map; check --area and the CRS of the points.")
@@ -187,23 +186,23 @@ def solve_shared(job: TiledJob, tiles: list[MapTile]) -> Shared:
     strips = solve_strips(places, overlaps, control, expected)
     usual, counts = np.array([each["usual_m2"] for each in found], np.float64).T
     known = np.isfinite(usual)
-    usual_m2 = float(np.average(usual[known], weights=counts[known])) if known.any() else _USUAL_M2
+    usual_m2 = float(np.average(usual[known], weights=counts[known])) if known.any() else USUAL_M2
     blocks = np.concatenate([np.asarray(each["blocks"], np.float64) for each in found])
     prior = np.load(job.prior_file) if job.prior_file.exists() else None
     relief = long_relief(job.layout, job.config.coarse_cells, blocks, strips, prior)
-    shared = Shared(strips, usual_m2, relief, len(control), StripPairs.of(overlaps))
+    shared = GlobalParameters(strips, usual_m2, relief, len(control), StripPairs.of(overlaps))
     with replacing(job.shared_file) as draft:
         arrays: dict[str, Any] = {**as_arrays(strips), **relief_arrays(relief)}
         np.savez(draft, numbers=np.array([usual_m2, len(control)]), pairs=shared.pairs.table, **arrays)
     return shared
 
 
-def read_shared(job: TiledJob) -> Shared:
-    """Return what `solve_shared` wrote."""
+def read_global(job: TiledJob) -> GlobalParameters:
+    """Return what `solve_global` wrote."""
     arrays = load_arrays(job.shared_file)
     usual_m2, n_control = (float(v) for v in np.asarray(arrays["numbers"], np.float64))
     numbers = {name: np.asarray(values, np.float64) for name, values in arrays.items()}
-    return Shared(
+    return GlobalParameters(
         from_arrays(numbers), usual_m2, relief_of(numbers), int(n_control), StripPairs(numbers["pairs"])
     )
 
@@ -225,7 +224,7 @@ class Measurements(NamedTuple):
 
 
 def measurements(
-    job: TiledJob, shared: Shared, tile: MapTile, window: CellWindow, share: float
+    job: TiledJob, shared: GlobalParameters, tile: MapTile, window: CellWindow, share: float
 ) -> Measurements:
     """Return the measurements of a window about a tile."""
     cell_m = job.layout.cell_m
@@ -247,7 +246,7 @@ def measurements(
         cells["row"].astype(np.int64),
         cells["column"].astype(np.int64),
     )
-    withheld = chosen(points.column, points.row, WITHHELD_SIDE, share) > 0
+    withheld = choose_squares(points.column, points.row, WITHHELD_SIDE, share) > 0
     heights = mean_heights(cells, window, strip_m)
     return Measurements(points, withheld, long_m, long_std_m, _node_slopes(heights, cell_m))
 
@@ -276,18 +275,20 @@ class Place(NamedTuple):
     window: CellWindow
 
 
-def learn(job: TiledJob, shared: Shared, tiles: Sequence[MapTile], run: Run) -> Learnt:
+def learn(
+    job: TiledJob, shared: GlobalParameters, tiles: Sequence[MapTile], run: Run
+) -> ReliefHyperparameters:
     """Return the prior of the fine relief and the factors on its standard deviation."""
     patches = _patches(job, shared, _places(job, tiles, PATCH_NODES, _N_PATCHES))
     ranges = [n * job.layout.cell_m for n in _RANGES_IN_CELLS]
     stiffness = likeliest_of(patches, ranges) if patches else _FALLBACK
     pilots = _places(job, tiles, _PILOT_CELLS, _N_PILOTS)
     if not pilots:
-        return Learnt(stiffness, LatticeCalibration())
+        return ReliefHyperparameters(stiffness, LatticeCalibration())
     found = dict(run(partial(_pilot, job, shared, stiffness), pilots))
     errors = np.concatenate([found[place][0] for place in pilots])
     within_cells = float(np.mean([found[place][1] for place in pilots]))
-    return Learnt(stiffness, likeliest_factors(*errors.T), within_cells)
+    return ReliefHyperparameters(stiffness, likeliest_factors(*errors.T), within_cells)
 
 
 def _places(job: TiledJob, tiles: Sequence[MapTile], side: int, n: int) -> list[Place]:
@@ -313,7 +314,7 @@ def _is_seen(job: TiledJob, place: Place) -> bool:
     return len(cells) >= place.window.rows * place.window.columns // 8
 
 
-def _patches(job: TiledJob, shared: Shared, places: Sequence[Place]) -> list[LatticeLikelihood]:
+def _patches(job: TiledJob, shared: GlobalParameters, places: Sequence[Place]) -> list[LatticeLikelihood]:
     patches = []
     for place in places:
         points = measurements(job, shared, place.tile, place.window, 0.0).points
@@ -323,7 +324,9 @@ def _patches(job: TiledJob, shared: Shared, places: Sequence[Place]) -> list[Lat
     return patches
 
 
-def _pilot(job: TiledJob, shared: Shared, stiffness: Stiffness, place: Place) -> tuple[FloatArray, float]:
+def _pilot(
+    job: TiledJob, shared: GlobalParameters, stiffness: Stiffness, place: Place
+) -> tuple[FloatArray, float]:
     """Return errors [m], variances of the surface and of the cells [m²] (N, 3) at the withheld cells of a window.
 
     The second value is that of `variance_within_cells`.
@@ -349,6 +352,3 @@ def withheld_errors(
             stiffness.noise_factor**2 / held.weight,
         ]
     )
-
-
-__all__ = ["Place", "Run", "learn", "withheld_errors"]

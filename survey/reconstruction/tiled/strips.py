@@ -214,6 +214,7 @@ class StripPairs(NamedTuple):
 
 STRETCH_M = 256.0
 """Side of the squares within which a strip's wander is one number [m]."""
+# A tenth of a millimetre squared.
 _LEAST_VARIANCE = 1e-8
 
 

@@ -25,7 +25,8 @@ from survey.reconstruction.tiled.cells import (
 from survey.reconstruction.tiled.job import Control, TiledJob
 from survey.reconstruction.tiled.layout import CellWindow, MapTile
 
-_USUAL_M2 = 0.05**2
+USUAL_M2 = 0.05**2
+"""Variance of a point about the ground [m²] where no cell shows it."""
 
 
 def summarise(job: TiledJob, tile: MapTile) -> int:
@@ -39,7 +40,7 @@ def summarise(job: TiledJob, tile: MapTile) -> int:
     usual = usual_variance(variance, cells["n"])
     cells["variance"] = variance
     write_cells(job.cells_file(tile), cells)
-    per_point = shrunk_variance(variance, cells["n"], usual if np.isfinite(usual) else _USUAL_M2)
+    per_point = shrunk_variance(variance, cells["n"], usual if np.isfinite(usual) else USUAL_M2)
     slope = slopes_at(cells, window) / layout.cell_m
     control = job.control.within(window, layout.cell_m)
     arrays: dict[str, Any] = {
@@ -106,9 +107,11 @@ difference of mean heights [m] and of the part of it that other places of the po
 BLOCK_CELLS = 32
 _LEAST_CELLS = 8
 _OUTLIER_SIGMAS = 4.0
+# Standard deviation of normal errors over their median absolute deviation.
 _MAD_TO_SIGMA = 1.4826
 # A difference beyond this is no strip error but a tree, a snow bank or ice that moved.
 _LARGEST_M = 20.0
+# Variance of a place anywhere in a cell, over its side squared.
 _SLOPE_PART = 1.0 / 12.0
 
 

@@ -19,7 +19,13 @@ from threadpoolctl import threadpool_limits
 from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
 from survey.reconstruction.tiled.cells import present_tiles, sort_piece, sorted_points
-from survey.reconstruction.tiled.global_parameters import Learnt, Run, learn, read_shared, solve_shared
+from survey.reconstruction.tiled.global_parameters import (
+    ReliefHyperparameters,
+    Run,
+    learn,
+    read_global,
+    solve_global,
+)
 from survey.reconstruction.tiled.job import TiledJob, begin
 from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.summaries import summarise
@@ -29,16 +35,16 @@ from survey.reconstruction.tiled.tile_map import TiledResult, map_tile, write_re
 def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) -> TiledResult:
     """Map a survey tile by tile, or go on with a map that was broken off."""
     begin(job)
-    with _held(job):
+    with _locked(job):
         sort = partial(sort_piece, job.layout, job.sorted_folder)
-        counts = _counted(run, sort, job.pieces, "points sorted", progress)
+        counts = _run_all(run, sort, job.pieces, "points sorted", progress)
         tiles = present_tiles(job.sorted_folder, list(job.pieces), job.layout)
         by_size = _largest_first(job, tiles)
-        _counted(run, partial(summarise, job), by_size, "tiles averaged", progress)
+        _run_all(run, partial(summarise, job), by_size, "tiles averaged", progress)
         with threadpool_limits(limits=1, user_api="blas"):
-            shared = solve_shared(job, tiles)
+            shared = solve_global(job, tiles)
             learnt = learn(job, shared, tiles, run)
-        _counted(run, partial(_map_tile, job, learnt), by_size, "tiles mapped", progress)
+        _run_all(run, partial(_map_tile, job, learnt), by_size, "tiles mapped", progress)
         result = write_results(job, tiles, shared, learnt, sum(counts.values()))
     shutil.rmtree(job.work)
     return result
@@ -53,12 +59,12 @@ def _largest_first(job: TiledJob, tiles: Sequence[MapTile]) -> list[MapTile]:
     return sorted(tiles, key=lambda tile: -n_bytes[tile])
 
 
-def _map_tile(job: TiledJob, learnt: Learnt, tile: MapTile) -> int:
+def _map_tile(job: TiledJob, learnt: ReliefHyperparameters, tile: MapTile) -> int:
     """Map a tile in a worker, which reads what all tiles share itself."""
-    return map_tile(job, read_shared(job), learnt, tile)
+    return map_tile(job, read_global(job), learnt, tile)
 
 
-def _counted(
+def _run_all(
     run: Run, work: Callable[[Any], int], pieces: Sequence[Any], what: str, progress: Progress
 ) -> dict[Any, int]:
     """Run all pieces and report how many are done; return the number that each gave."""
@@ -71,7 +77,7 @@ def _counted(
 
 
 @contextmanager
-def _held(job: TiledJob) -> Iterator[None]:
+def _locked(job: TiledJob) -> Iterator[None]:
     """Hold the folder for one run."""
     with (job.work / "lock").open("w") as lock:
         try:

@@ -23,7 +23,12 @@ from survey.io.raster.writing import write_categories, write_raster
 from survey.reconstruction.nodes import bilinear
 from survey.reconstruction.terrain_map import FACTS_SHA256, INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.tiled.fine_relief import FineRelief, fine_relief, strip_variance
-from survey.reconstruction.tiled.global_parameters import Learnt, Measurements, Shared, measurements
+from survey.reconstruction.tiled.global_parameters import (
+    GlobalParameters,
+    Measurements,
+    ReliefHyperparameters,
+    measurements,
+)
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
 from survey.reconstruction.tiled.layout import CellWindow, MapTile
 from survey.reconstruction.tiled.strips import N_TERMS, StripErrors
@@ -37,7 +42,7 @@ class TileMap(NamedTuple):
     support: npt.NDArray[np.uint8]
 
 
-def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> int:
+def map_tile(job: TiledJob, shared: GlobalParameters, learnt: ReliefHyperparameters, tile: MapTile) -> int:
     """Write the rasters of a tile and its test; return the number of withheld cells. A tile that is there stays."""
     if job.result_file(tile).exists():
         return 0
@@ -57,7 +62,9 @@ def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> in
     return len(tested)
 
 
-def tile_map(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> tuple[TileMap, FloatArray]:
+def tile_map(
+    job: TiledJob, shared: GlobalParameters, learnt: ReliefHyperparameters, tile: MapTile
+) -> tuple[TileMap, FloatArray]:
     """Return the map of a tile, and its withheld cells: easting, northing [m], error and standard deviation [m] (N, 4)."""
     window, cell_m = job.layout.window(tile), job.layout.cell_m
     about = window.grown(job.config.halo_cells, job.layout.extent)
@@ -80,7 +87,7 @@ def _variance(
     window: CellWindow,
     strips: StripErrors,
     *,
-    learnt: Learnt,
+    learnt: ReliefHyperparameters,
     cell_m: float,
 ) -> FloatArray:
     """Return the variance of the heights [m²]: fine relief, long relief where points lack, and errors of strips."""
@@ -123,7 +130,7 @@ def _tested(
     window: CellWindow,
     about: CellWindow,
     *,
-    learnt: Learnt,
+    learnt: ReliefHyperparameters,
     cell_m: float,
 ) -> FloatArray:
     """Return place, error and its standard deviation (N, 4) of the withheld cells of the tile proper.
@@ -234,7 +241,11 @@ class TiledResult(NamedTuple):
 
 
 def write_results(
-    job: TiledJob, tiles: Sequence[MapTile], shared: Shared, learnt: Learnt, n_points: int
+    job: TiledJob,
+    tiles: Sequence[MapTile],
+    shared: GlobalParameters,
+    learnt: ReliefHyperparameters,
+    n_points: int,
 ) -> TiledResult:
     """Write ``dem.vrt``, ``support.vrt``, ``coverage.tif`` and ``reconstruction.json`` about the tiles that are there."""
     found = [load_arrays(job.result_file(tile)) for tile in tiles]
@@ -267,7 +278,7 @@ def write_results(
     return TiledResult(facts, test, coverage)
 
 
-def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:
+def _hyperparameters(shared: GlobalParameters, learnt: ReliefHyperparameters) -> dict[str, float]:
     sizes = {f"strip_{name}": value for name, value in shared.strips.sizes._asdict().items()}
     return {
         "stiffness": learnt.stiffness.stiffness,

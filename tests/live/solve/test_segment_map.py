@@ -57,7 +57,7 @@ def test_segment_by_segment_the_map_is_that_of_one_solve(n_keyframes, links, ker
     points = landmarks(path, 900)
     mean, std = LiveMap(kernel, 0.05, GRID).of_landmarks(points, path)
     config = GaussianProcessConfig(fit=False, kernel=kernel, nugget_m=0.05, mean="plane")
-    whole = JointTerrain(path, None, config, JointConfig(slope_passes=1)).solved(points, GRID.bounds)
+    whole = JointTerrain(path, None, config, JointConfig(slope_passes=1)).solve(points, GRID.bounds)
     expected, expected_std = whole.terrain.fields(GRID)
     assert np.abs(mean - expected).max() < 5e-3
     assert np.abs(std / expected_std - 1.0).max() < 0.01

@@ -21,7 +21,7 @@ from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
-from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, mapped
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, map_surveys
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 
@@ -43,7 +43,7 @@ def test_an_adaptive_survey_stops_when_its_guarantee_holds():
     assert 2 <= len(survey.route.swaths) <= 8
     nodes = Grid((10.0, 10.0, 290.0, 290.0), 20.0, CRS).xy
     best = survey.posterior.likeliest
-    mean, _ = mapped(
+    mean, _ = map_surveys(
         survey.samples, np.concatenate(heights)[:, None], [FoundKernel(best.cell, best.variance_m2)], nodes
     )
     assert np.sqrt(np.mean((mean[:, 0] - terrain.at(nodes)) ** 2)) <= config.limit_m

@@ -15,8 +15,8 @@ from survey.core.errors import ConfigError
 from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.truth import Truth
-from survey.reconstruction.registration.config import ScanPointsConfig
-from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
 
 SMALL = {
     "schema_version": 1,

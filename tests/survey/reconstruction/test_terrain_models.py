@@ -16,8 +16,8 @@ from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice
+from survey.reconstruction.methods.triangulation import TriangulatedTerrain
 from survey.reconstruction.terrain_model import TerrainModel
-from survey.reconstruction.triangulation import TriangulatedTerrain
 
 CRS = "EPSG:32608"
 PLACES = np.array([[5.0, 5.0], [2.2, 7.1], [8.9, 1.3]])

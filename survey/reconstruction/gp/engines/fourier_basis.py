@@ -8,7 +8,7 @@ with ``d_j² = 2 S(ω_j) / (L_x L_y)`` (half of that for the constant), ω_j on 
 spectral density of the kernel.  The waves of one half plane suffice; they are stored as *runs* of neighbouring
 lattice points, so that every loop over pairs of waves reads memory in order.
 
-`resolve` chooses box and waves from tolerance, memory and the points' precision. `resolution_for` also serves kernels with
+`resolve` chooses box and waves from tolerance, memory and the points' precision. `resolve_for_points` also serves kernels with
 heavy spectral tails, Matérn and sums with a short scale, where not all waves fit.
 """
 
@@ -159,9 +159,14 @@ def _runs(lattice: IntArray) -> IntArray:
 
 # Largest |p| or |q| of a wave of the mean; its transforms are then 1,024 squared.
 LARGEST_HALF = 256
+# Iterations of the solver for the mean (`MeanSystem`).
+MAX_ITERATIONS = 200
+TOLERABLE = 0.05
+"""Error of a mean that has not settled, in posterior standard deviations, above which it is refused."""
 # A share of the prior variance in the discarded waves that is still fine relief, not terrain.
 LARGEST_TAIL = 0.02
-# Widest margin over the side of the site, where waves are few: a wider one takes waves that the relief needs.
+# Widest margin over the side of the site, where waves are few or the surface is rough: a wider one takes waves that
+# the relief needs.
 _WIDEST_HALO = 0.75
 # Covariance over variance below which images of a place do not count, and the most images to each side.
 _FORGOTTEN, _MOST_IMAGES = 1e-9, 200
@@ -259,7 +264,29 @@ def resolve(
     tolerance_m: float,
     memory_mb: float,
 ) -> Resolution:
-    """Choose box and waves for one kernel, and refuse what would not fit into memory.
+    """Choose box and waves for one kernel as `resolve_within` does, and refuse what would not fit into memory."""
+    resolution = resolve_within(kernel, bounds, sharpest_m, tolerance_m=tolerance_m, memory_mb=memory_mb)
+    if resolution is None:
+        box = _box(kernel, bounds, sharpest_m, tolerance_m)
+        needed = _strongest(box, kernel, kernel.variance_m2 - _largest_tail_m2(sharpest_m, tolerance_m))
+        shortest, (width, height) = kernel.length_scales_m[0], box.period_m
+        raise CapacityError(
+            f"A map of {width:.0f} m x {height:.0f} m at a length scale of {shortest:.3g} m needs "
+            f"{needed.n_modes} modes ({matrix_mb(needed.n_modes):.0f} MB) where {memory_mb:.0f} MB are allowed: "
+            "map it in tiles, or raise the length scale or the memory."
+        )
+    return resolution
+
+
+def resolve_within(
+    kernel: Kernel,
+    bounds: Bounds,
+    sharpest_m: float,
+    *,
+    tolerance_m: float,
+    memory_mb: float,
+) -> Resolution | None:
+    """Choose box and waves for one kernel; None where the waves that fit into memory leave out too much relief.
 
     The margin of the box is where the covariance has fallen so far that the images of the site shift the mean
     by less than the tolerance.  Waves are kept, strongest first, until the variance of the others is small
@@ -269,18 +296,14 @@ def resolve(
     box = _box(kernel, bounds, sharpest_m, tolerance_m)
     largest_tail = _largest_tail_m2(sharpest_m, tolerance_m)
     wanted = kernel.variance_m2 - largest_tail
-    mean_basis = _strongest(box, kernel, kernel.variance_m2 - 1e-3 * largest_tail)
     needed = _strongest(box, kernel, wanted)
     largest = modes_within(memory_mb)
     fitting = needed if needed.n_modes <= largest else _strongest(box, kernel, wanted, largest)
     tail = tail_variance(kernel, fitting)
     if tail > max(LARGEST_TAIL * kernel.variance_m2, largest_tail):
-        shortest, (width, height) = kernel.length_scales_m[0], box.period_m
-        raise CapacityError(
-            f"A map of {width:.0f} m x {height:.0f} m at a length scale of {shortest:.3g} m needs "
-            f"{needed.n_modes} modes ({matrix_mb(needed.n_modes):.0f} MB) where {memory_mb:.0f} MB are allowed: "
-            "map it in tiles, or raise the length scale or the memory."
-        )
+        return None
+    # Waves of the mean cost little, so that a thousandth of the tail is left out of it.
+    mean_basis = _strongest(box, kernel, kernel.variance_m2 - 1e-3 * largest_tail)
     mean_tail = tail_variance(kernel, mean_basis)
     return Resolution(bounds, fitting, mean_basis, tail, mean_tail, tolerance_m, tail <= 1.001 * largest_tail)
 
@@ -353,8 +376,6 @@ def _lattice(box: FourierBox, kernel: Kernel, wanted_m2: float, largest: int | N
         reach *= 1.2
 
 
-# On a rough surface the far side is uncorrelated: three quarters of the site suffice.
-_LARGEST_HALO = 0.75
 _ROUGH_DECAY = 1e-6
 _MEMORY_MB = 90.0
 _N_MEAN_MODES = 40_000
@@ -362,7 +383,7 @@ _N_MEAN_MODES = 40_000
 _LARGEST_MEAN_TAIL, _LARGEST_SPREAD_TAIL = 0.1, 0.5
 
 
-def resolution_for(
+def resolve_for_points(
     kernel: Kernel,
     site: Bounds,
     xy: FloatArray,
@@ -370,21 +391,19 @@ def resolution_for(
     *,
     tolerance_m: float,
     memory_mb: float,
-) -> Resolution:
-    """Return the resolution that meets the tolerance where one fits, else the strongest waves that do.
+) -> Resolution | None:
+    """Return the resolution that meets the tolerance where one fits, else the strongest waves, else None.
 
     The relief of the waves left out is then in the predicted variance as noise of no
     extent: right far from points, too cautious beside them, where the nearest points
-    give a better bound (`variance_from_nearest`).
+    give a better bound (`nearest_variance_bound`).
     """
     sharpest = sharpest_std_m(kernel, xy, noise_m2)
-    try:
-        exact = resolve(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)
-    except CapacityError:
-        exact = None
+    exact = resolve_within(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)
     if exact is not None and exact.is_met:
         return exact
-    widest = _LARGEST_HALO * max(site[2] - site[0], site[3] - site[1])
+    # On a rough surface the far side is uncorrelated: three quarters of the site suffice.
+    widest = _WIDEST_HALO * max(site[2] - site[0], site[3] - site[1])
     box = FourierBox.around(site, min(widest, kernel.decay_m(_ROUGH_DECAY)))
     few, tail = _strongest_modes(box, kernel, modes_within(min(memory_mb, _MEMORY_MB)))
     many, mean_tail = _strongest_modes(box, kernel, _N_MEAN_MODES)
@@ -392,10 +411,7 @@ def resolution_for(
         mean_tail > _LARGEST_MEAN_TAIL * kernel.variance_m2
         or tail > _LARGEST_SPREAD_TAIL * kernel.variance_m2
     ):
-        raise CapacityError(
-            f"a map of {site[2] - site[0]:.0f} × {site[3] - site[1]:.0f} m at a length scale of "
-            f"{kernel.length_scales_m[0]:.3g} m needs more than the {memory_mb:.0f} MB allowed; it is mapped in tiles."
-        )
+        return None
     return Resolution(site, few, many, tail, mean_tail, tolerance_m, is_met=False)
 
 

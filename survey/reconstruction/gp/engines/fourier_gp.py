@@ -4,7 +4,7 @@ The time is that of one dense factorization of a few thousand weights, whatever 
 nodes: the points enter through one non-uniform transform, the maps leave through two matrix products.
 
 `MarginalLikelihood` gives the likelihood of the points and leave-one-out predictions, `FourierProducts` joint samples, sums
-and slopes. `variance_from_nearest` is an upper bound on the posterior variance by the nearest points.
+and slopes. `nearest_variance_bound` is an upper bound on the posterior variance by the nearest points.
 `FourierGaussianProcess` is the engine.
 """
 
@@ -17,8 +17,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import Bounds, FloatArray, checked
-from survey.core.errors import InputError
+from survey.core.errors import CapacityError, InputError
 from survey.reconstruction.gp.engines.fourier_basis import (
+    MAX_ITERATIONS,
+    TOLERABLE,
     ComplexArray,
     FourierBasis,
     Resolution,
@@ -234,10 +236,11 @@ class FourierProducts(Process):
 
 
 _N_NEAREST = 12
+# Places at once, each with a matrix of its neighbours: 12 MB.
 _BLOCK = 10_000
 
 
-def variance_from_nearest(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> FloatArray:
+def nearest_variance_bound(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> FloatArray:
     r"""Return the posterior variance (M,) [m²] at places (M, 2) given their twelve nearest points only.
 
     .. math::  v = k(0) - k_n^T (K_n + N_n)^{-1} k_n
@@ -253,7 +256,7 @@ def variance_from_nearest(kernel: Kernel, data: NoisyValues, xy: FloatArray) -> 
 
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> one = NoisyValues.of(np.zeros((1, 2)), np.zeros(1), np.array([2.0]))
-    >>> variance_from_nearest(SquaredExponential(4.0, 10.0), one, np.zeros((1, 2)))
+    >>> nearest_variance_bound(SquaredExponential(4.0, 10.0), one, np.zeros((1, 2)))
     array([2.])
     """
     tree = cKDTree(data.xy)
@@ -282,7 +285,7 @@ _SOLVER_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class FourierGaussianProcess(FourierProducts):
-    r"""Posterior of a Gaussian process given noisy points, ready to be asked anywhere on the site.
+    r"""Posterior of a Gaussian process given noisy points, which predicts anywhere on the site.
 
     Made by `fit`.  The posterior at x, given values y at X with the noise variances N (glacier paper, Eqs. 4
     and 5, and Rasmussen and Williams 2006, Eqs. 2.25 and 2.26), is
@@ -317,6 +320,8 @@ class FourierGaussianProcess(FourierProducts):
     system: MeanSystem
     sums: PointSums
     solutions: tuple[ComplexArray, ...]
+    mean_error: float
+    """Error of the mean at the end of the iterations [posterior standard deviations]."""
 
     @classmethod
     def fit(
@@ -336,10 +341,38 @@ class FourierGaussianProcess(FourierProducts):
 
         `xy` (N, 2): easting and northing of the points [m]. `values` (N,): heights above the prior mean [m].
         `sigma_m` (N,): standard deviations of the values [m], above 0; errors are independent. `bounds`
-        (xmin, ymin, xmax, ymax): where the process will be asked [m]; grown to hold the points.  The points'
+        (xmin, ymin, xmax, ymax): extent of later predictions [m]; grown to hold the points.  The points'
         extent if left out. `tolerance_m`: largest error of the mean that the waves may add [m]; a tenth of it
-        for the standard deviation. `memory_mb`: memory that the covariance may take [MB].
+        for the standard deviation. `memory_mb`: memory that the covariance may take [MB]. `resolution`: box and
+        waves, chosen by tolerance and memory if left out.
         """
+        return cls.solve(
+            xy,
+            values,
+            sigma_m,
+            kernel,
+            bounds=bounds,
+            trend=trend,
+            tolerance_m=tolerance_m,
+            memory_mb=memory_mb,
+            resolution=resolution,
+        ).converged()
+
+    @classmethod
+    def solve(
+        cls,
+        xy: FloatArray,
+        values: FloatArray,
+        sigma_m: FloatArray,
+        kernel: Kernel,
+        *,
+        bounds: Bounds | None = None,
+        trend: TrendName = "none",
+        tolerance_m: float = 1e-3,
+        memory_mb: float = MEMORY_MB,
+        resolution: Resolution | None = None,
+    ) -> Self:
+        """Condition the process on points as `fit` does, whether the mean converges or not; see `has_converged`."""
         data = NoisyValues.of(xy, values, sigma_m)
         if resolution is None:
             sharpest = sharpest_std_m(kernel, data.xy, data.noise_m2)
@@ -353,8 +386,23 @@ class FourierGaussianProcess(FourierProducts):
         system = MeanSystem.of(
             resolution.mean_basis, line_variances(kernel, resolution.mean_basis), sums.gram
         )
-        solutions = system.solve_all(sums, posterior, _accuracy(kernel, resolution))
-        return cls(kernel, resolution, surface, data, posterior, system, sums, solutions)
+        weights = system.solve_all(sums, posterior, _accuracy(kernel, resolution))
+        return cls(kernel, resolution, surface, data, posterior, system, sums, *weights)
+
+    @property
+    def has_converged(self) -> bool:
+        """Whether the mean converged within the largest number of iterations."""
+        return not self.mean_error > TOLERABLE
+
+    def converged(self) -> Self:
+        """Return the process, or refuse one whose mean did not converge."""
+        if not self.has_converged:
+            raise CapacityError(
+                f"the map's mean did not settle within {MAX_ITERATIONS} iterations (it may be off by "
+                f"{self.mean_error:.2g} standard deviations): the length scale is too long or the noise too small for so "
+                "many waves; map a smaller area, or state larger errors."
+            )
+        return self
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
         """Return the process conditioned on more points, with the waves of this one.
@@ -369,22 +417,24 @@ class FourierGaussianProcess(FourierProducts):
         sums = self.sums + _sums(added, self.trend, resolution)
         lines = line_variances(self.kernel, resolution.mean_basis)
         system = MeanSystem.of(resolution.mean_basis, lines, sums.gram)
-        solutions = system.solve_all(sums, posterior, _accuracy(self.kernel, resolution), self.solutions)
+        weights = system.solve_all(sums, posterior, _accuracy(self.kernel, resolution), self.solutions)
         return replace(
             self,
             data=self.data + added,
             posterior=posterior,
             system=system,
             sums=sums,
-            solutions=solutions,
-        )
+            solutions=weights.columns,
+            mean_error=weights.error,
+        ).converged()
 
     def for_values(self, values: FloatArray) -> Self:
         """Return the process of other values (N,) at the same points; its covariance is reused."""
         data = NoisyValues.of(self.data.xy, values, np.sqrt(self.data.noise_m2))
         sums = _sums(data, self.trend, self.resolution)
-        solutions = self.system.solve_all(sums, self.posterior, _accuracy(self.kernel, self.resolution))
-        return replace(self, data=data, sums=sums, solutions=solutions)
+        weights = self.system.solve_all(sums, self.posterior, _accuracy(self.kernel, self.resolution))
+        changed = replace(self, data=data, sums=sums, solutions=weights.columns, mean_error=weights.error)
+        return changed.converged()
 
     # -- the two fields ---------------------------------------------------------------------------
 
@@ -500,7 +550,7 @@ class FourierGaussianProcess(FourierProducts):
         """Return the variance (M,) [m²]; where waves are left out, no more than given the nearest points."""
         if self.resolution.is_met:
             return variance
-        return np.minimum(variance, variance_from_nearest(self.kernel, self.data, xy))
+        return np.minimum(variance, nearest_variance_bound(self.kernel, self.data, xy))
 
     def record(self) -> dict[str, Any]:
         """Return name and resolution of the engine for the record."""

@@ -16,7 +16,7 @@ waves is the preconditioner.
 
 import mmap
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numba
 import numpy as np
@@ -24,8 +24,8 @@ from scipy import fft
 from scipy.linalg import blas, lapack, solve_triangular
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.engines.fourier_basis import ComplexArray, FourierBasis
+from survey.core.errors import InputError
+from survey.reconstruction.gp.engines.fourier_basis import MAX_ITERATIONS, ComplexArray, FourierBasis
 from survey.reconstruction.gp.engines.regression import NoisyValues
 
 # Nothing calls these loops from C, and Python does not call the inner one.
@@ -273,11 +273,6 @@ def _add(  # noqa: PLR0917
         target[k] += factor * kept[k] * entries[k]
 
 
-MAX_ITERATIONS = 200
-TOLERABLE = 0.05
-"""Error of a mean that has not settled, in posterior standard deviations, above which it is refused."""
-
-
 @dataclass(frozen=True)
 class MeanSystem:
     """The normal equations ``(I + D B D) z = D b`` of the weights in transform order (p >= 0; q wrapped).
@@ -336,14 +331,17 @@ class MeanSystem:
         posterior: WeightPosterior,
         accuracy: float,
         starts: tuple[ComplexArray, ...] | None = None,
-    ) -> tuple[ComplexArray, ...]:
+    ) -> "MeanWeights":
         """Return the weights for every data column, starting from given ones or from the fewer waves' own answer."""
         preconditioner = FourierPreconditioner(posterior)
         sides = [self.right_hand_side(moment) for moment in sums.moments]
         if starts is None:
             starts = tuple(preconditioner.alone(side) for side in sides)
         pairs = zip(sides, starts, strict=True)
-        return tuple(self.solve(side, preconditioner, accuracy, start) for side, start in pairs)
+        columns, errors = zip(
+            *(self.solve(side, preconditioner, accuracy, start) for side, start in pairs), strict=True
+        )
+        return MeanWeights(columns, max(errors))
 
     def solve(
         self,
@@ -351,8 +349,8 @@ class MeanSystem:
         preconditioner: "FourierPreconditioner",
         accuracy: float,
         start: ComplexArray,
-    ) -> ComplexArray:
-        """Solve by conjugate gradients until the error of the weights is below `accuracy`.
+    ) -> tuple[ComplexArray, float]:
+        """Solve by conjugate gradients until the error of the weights is below `accuracy`; return weights and error.
 
         The measure is the energy norm, which bounds the error of the mean anywhere by `accuracy` times the
         posterior standard deviation there.
@@ -365,20 +363,21 @@ class MeanSystem:
             step = preconditioner(residual)
             energy = inner(residual, step)
             if energy <= accuracy**2:
-                return z + step
+                return z + step, float(np.sqrt(energy))
             direction = step + (energy / previous if iteration else 0.0) * direction
             image = self.product(direction)
             stride = energy / inner(direction, image)
             z = z + stride * direction
             residual = residual - stride * image
             previous = energy
-        if energy > TOLERABLE**2:
-            raise CapacityError(
-                f"the map's mean did not settle within {MAX_ITERATIONS} iterations (it may be off by {energy**0.5:.2g} "
-                "standard deviations): the length scale is too long or the noise too small for so many waves; map a "
-                "smaller area, or state larger errors."
-            )
-        return z
+        return z, float(np.sqrt(energy))
+
+
+class MeanWeights(NamedTuple):
+    """Weights of the mean for every data column, and the largest of their errors [posterior standard deviations]."""
+
+    columns: tuple[ComplexArray, ...]
+    error: float
 
 
 @dataclass(frozen=True)

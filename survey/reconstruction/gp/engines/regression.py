@@ -197,6 +197,7 @@ class Process(ABC):
 
 MEMORY_MB = 2000.0
 
+# Places at once, which bounds the memory of their covariance with all points.
 _BLOCK = 1000
 
 
@@ -425,8 +426,13 @@ class DenseGaussianProcess(Process):
         return solved
 
 
+def dense_mb(n: int) -> float:
+    """Return the memory of a dense covariance of n places and of its factor [MB]."""
+    return 2 * 8e-6 * n**2
+
+
 def _refuse_beyond(memory_mb: float, n: int, what: str, way_out: str) -> None:
-    needed = 2 * 8e-6 * n**2
+    needed = dense_mb(n)
     if needed > memory_mb:
         raise CapacityError(
             f"{what} {needed:.0f} MB as a dense matrix, more than the {memory_mb:.0f} MB allowed; take {way_out}."

@@ -2,8 +2,8 @@
 
 `DividedGaussianProcess` is the base of both: tiles are conditioned one after the other, about one trend of the site.
 `TiledGaussianProcess` conditions each tile in Fourier waves on the points within it and a halo around it.
-`LocalGaussianProcess` serves rough covariances that need more waves than fit into memory. `SiteTree` divides the site into
-small tiles, and each is mapped from its nearest points: points that are dense beside the length scale screen those farther
+`LocalGaussianProcess` serves rough covariances that need more waves than fit into memory. A `SiteTree` divides the site
+into small tiles, and each is mapped from its nearest points: points that are dense beside the length scale screen those farther
 away (Stein 2002). Neighbouring tiles differ a little at their seam, and there is no joint likelihood.
 """
 
@@ -12,7 +12,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from scipy.linalg import cho_solve, lapack
@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.engines.fourier_basis import resolve, sharpest_std_m
+from survey.reconstruction.gp.engines.fourier_basis import sharpest_std_m
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
 from survey.reconstruction.gp.engines.regression import (
     DenseGaussianProcess,
@@ -29,8 +29,10 @@ from survey.reconstruction.gp.engines.regression import (
     Process,
     TrendName,
 )
+from survey.reconstruction.gp.engines.tiles import HALO_LENGTHS, N_NEAREST, SiteTree, TileGrid, halo_m
 from survey.reconstruction.gp.kernels import Kernel
 
+# The trend needs few points: they are factorized densely.
 _N_FOR_TREND = 800
 Tile = TypeVar("Tile")
 Places = TypeVar("Places", IntArray, BoolArray)
@@ -39,7 +41,7 @@ Places = TypeVar("Places", IntArray, BoolArray)
 
 @dataclass(frozen=True, kw_only=True)
 class DividedGaussianProcess(Process, Generic[Tile, Places]):
-    """A process whose tiles are conditioned one after the other, when they are asked for.
+    """A process whose tiles are conditioned one after the other, when they are needed.
 
     Neighbouring tiles differ a little at their seam. No joint likelihood exists: `log_marginal_likelihood` is 0.
 
@@ -121,10 +123,6 @@ def trend_of_part(
     return {"trend": sample.trend, "coefficients": sample.trend_coefficients}
 
 
-HALO_LENGTHS = 7.0
-"""Width of the halo in length scales; at 7 the map differs from the whole one's by less than a centimetre."""
-
-_LARGEST_HALVINGS = 7
 _N_TIMED_POINTS = 5000
 # Every tile is conditioned for the outliers, for the calibration, and for the map.
 _PASSES_OVER_TILES = 3.0
@@ -132,19 +130,17 @@ _PASSES_OVER_TILES = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
-    """A process whose tiles are conditioned one after the other, when they are asked.
+    """A process whose tiles are conditioned one after the other, when they are needed.
 
-    `kernel`: covariance of all tiles. `data`: all points. `site` (xmin, ymin, xmax, ymax): what the tiles
-    divide [m]. `n_tiles` (int, int): columns and rows of tiles. `trend`: a mean surface of the whole site.
-    `coefficients` (T,): its coefficients, from a spread part of the points. `tolerance_m`, `memory_mb`: as
-    for one tile of `FourierGaussianProcess`.
+    `kernel`: covariance of all tiles. `data`: all points. `tiles`: division of the site. `trend`: mean surface
+    of the site. `coefficients` (T,): its coefficients, from an evenly spaced part of the points. `tolerance_m`,
+    `memory_mb`: as for one tile of `FourierGaussianProcess`.
 
     Neighbouring tiles differ at their seam by up to the error of the halo. No joint
     likelihood exists: `log_marginal_likelihood` is 0.
     """
 
-    site: Bounds
-    n_tiles: tuple[int, int]
+    tiles: TileGrid
     tolerance_m: float
     memory_mb: float
 
@@ -160,18 +156,23 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         trend: TrendName = "none",
         tolerance_m: float = 1e-3,
         memory_mb: float = 300.0,
+        tiles: TileGrid | None = None,
         progress: Progress | None = None,
     ) -> Self:
-        """Choose the largest tiles that fit the memory."""
+        """Choose the largest tiles that fit the memory, unless `tiles` are given."""
         data = NoisyValues.of(xy, values, sigma_m)
-        site = data.extent(bounds)
-        sharpest = sharpest_std_m(kernel, data.xy, data.noise_m2)
-        n_tiles = _tiling(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)
+        if tiles is None:
+            sharpest, limits = sharpest_std_m(kernel, data.xy, data.noise_m2), (tolerance_m, memory_mb)
+            tiles = TileGrid.largest_within(kernel, data.extent(bounds), sharpest, *limits)
+        if tiles is None:
+            raise CapacityError(
+                f"not even a small tile with its halo of {halo_m(kernel):.0f} m fits {memory_mb:.0f} MB; allow more "
+                "memory or give a longer shortest length scale."
+            )
         return cls(
             kernel=kernel,
             data=data,
-            site=site,
-            n_tiles=n_tiles,
+            tiles=tiles,
             tolerance_m=tolerance_m,
             memory_mb=memory_mb,
             progress=progress,
@@ -181,7 +182,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
     def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard deviation (H, W) [m] on the nodes of two axes [m]."""
         mean, std = np.empty((len(y), len(x))), np.empty((len(y), len(x)))
-        columns, rows = self._index(x, 0), self._index(y, 1)
+        columns, rows = self.tiles.index(x, 0), self.tiles.index(y, 1)
         done = 0
         for column in np.unique(columns):
             for row in np.unique(rows):
@@ -192,195 +193,55 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
                 nodes = np.stack(np.meshgrid(x[j], y[i]), axis=-1)
                 mean[part] += self._trend_at(nodes)
                 done += 1
-                self._report("tiles of the map", done, self.n_tiles[0] * self.n_tiles[1])
+                self._report("tiles of the map", done, len(self.tiles))
         return mean, std
 
-    def require_settled(self) -> None:
-        """Condition the tile with the most points, to check that its mean converges."""
-        tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
-        self._process_of(tile).predict(self.data.xy[here][:1])
+    @property
+    def has_converged(self) -> bool:
+        """Whether the mean of the tile with the most points converges."""
+        tile, _ = self.tiles.fullest(self.data.xy)
+        return self._solve(tile, self.tiles.near(tile, self.data.xy)).has_converged
 
     def record(self) -> dict[str, Any]:
         """Return name and number of tiles for the record."""
-        return {**super().record(), "n_tiles": self.n_tiles[0] * self.n_tiles[1]}
+        return {**super().record(), "n_tiles": len(self.tiles)}
 
     def expected_s(self, x: FloatArray, y: FloatArray) -> float:  # noqa: ARG002
         """Return the expected time [s], from that of the tile with the most points."""
-        tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
+        tile, here = self.tiles.fullest(self.data.xy)
         began = time.perf_counter()
         self._process_of(tile).predict(self.data.xy[here][:_N_TIMED_POINTS])
         seconds = time.perf_counter() - began
-        n_tiles = self.n_tiles[0] * self.n_tiles[1]
-        return n_tiles * _PASSES_OVER_TILES * seconds
+        return len(self.tiles) * _PASSES_OVER_TILES * seconds
 
     def _left_out(self, tile: tuple[int, int], own: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the leave-one-out mean and variance of the points of a tile, without the trend."""
-        inside = own[self._near(tile)]
+        inside = own[self.tiles.near(tile, self.data.xy)]
         mean, variance = self._process_of(tile).leave_one_out()
         return mean[inside], variance[inside]
 
     def _tiles_of(self, xy: FloatArray) -> list[tuple[tuple[int, int], BoolArray]]:
-        """Return the tiles that hold places, each with the mask of its places."""
-        column, row = self._index(xy[:, 0], 0), self._index(xy[:, 1], 1)
-        tiles = np.unique(np.column_stack([column, row]), axis=0)
-        return [((int(c), int(r)), (column == c) & (row == r)) for c, r in tiles]
-
-    def _index(self, coordinate: FloatArray, axis: int) -> IntArray:
-        low, high, n = self.site[axis], self.site[axis + 2], self.n_tiles[axis]
-        index: IntArray = np.clip(((coordinate - low) / (high - low) * n).astype(np.int64), 0, n - 1)
-        return index
-
-    def _bounds(self, tile: tuple[int, int]) -> Bounds:
-        low, high = np.array(self.site[:2]), np.array(self.site[2:])
-        size = (high - low) / np.array(self.n_tiles)
-        corner = low + size * np.array(tile)
-        return (*corner.tolist(), *(corner + size).tolist())
-
-    def _near(self, tile: tuple[int, int]) -> BoolArray:
-        """Return the mask of the points in a tile and its halo."""
-        halo = HALO_LENGTHS * self.kernel.length_scales_m[1]
-        xmin, ymin, xmax, ymax = self._bounds(tile)
-        x, y = self.data.xy.T
-        near: BoolArray = (x >= xmin - halo) & (x <= xmax + halo) & (y >= ymin - halo) & (y <= ymax + halo)
-        return near
+        return self.tiles.holding(xy)
 
     def _process_of(self, tile: tuple[int, int]) -> FourierGaussianProcess:
-        near = self._near(tile)
+        near = self.tiles.near(tile, self.data.xy)
         if not near.any():
             raise InputError(
                 f"no point lies within {HALO_LENGTHS:g} length scales of the ground about "
-                f"{tuple(round(b, 1) for b in self._bounds(tile))}; map a smaller area, or give a longer length scale."
+                f"{tuple(round(b, 1) for b in self.tiles.bounds(tile))}; map a smaller area, or give a longer length scale."
             )
-        return FourierGaussianProcess.fit(
+        return self._solve(tile, near).converged()
+
+    def _solve(self, tile: tuple[int, int], near: BoolArray) -> FourierGaussianProcess:
+        return FourierGaussianProcess.solve(
             *self._without_trend(near),
             self.kernel,
-            bounds=self._bounds(tile),
+            bounds=self.tiles.bounds(tile),
             tolerance_m=self.tolerance_m,
             memory_mb=self.memory_mb,
         )
 
 
-def _tiling(
-    kernel: Kernel, site: Bounds, sharpest_m: float, *, tolerance_m: float, memory_mb: float
-) -> tuple[int, int]:
-    """Halve the longer side until a tile with its halo fits."""
-    size, n = np.array([site[2] - site[0], site[3] - site[1]]), np.ones(2, dtype=int)
-    halo = HALO_LENGTHS * kernel.length_scales_m[1]
-    for _ in range(2 * _LARGEST_HALVINGS):
-        width, height = size / n + 2 * halo
-        try:
-            resolve(
-                kernel, (0.0, 0.0, width, height), sharpest_m, tolerance_m=tolerance_m, memory_mb=memory_mb
-            )
-        except CapacityError:
-            n[int(np.argmax(size / n))] *= 2
-            continue
-        return int(n[0]), int(n[1])
-    raise CapacityError(
-        f"not even a small tile with its halo of {halo:.0f} m fits {memory_mb:.0f} MB; allow more memory or give a "
-        "longer shortest length scale."
-    )
-
-
-# A tile is at most this many mean distances of the points wide, however few points it holds.
-_WIDEST = 16.0
-_MOST_LEVELS = 48
-
-
-class _Cut(NamedTuple):
-    """Division of a node: axis, coordinate [m], and the nodes below and above it; -1 for the axis of a tile."""
-
-    axis: int
-    at: float
-    below: int
-    above: int
-
-
-@dataclass(frozen=True)
-class SiteTree:
-    """Tiles of a site.
-
-    `bounds` (K, 4): west, south, east and north of every tile [m]. `cuts` (J, 4): axis, coordinate [m] and
-    the two following nodes of every node; axis -1 for a tile, whose number follows. `site` (xmin, ymin, xmax,
-    ymax): the site [m].
-
-    >>> tree = SiteTree.of(np.array([[1.0, 1.0], [2.0, 1.0], [9.0, 8.0]]), (0.0, 0.0, 10.0, 10.0), 2)
-    >>> len(tree), tree.tile_of(np.array([[1.5, 1.0], [9.0, 9.0]]))
-    (2, array([0, 1]))
-    """
-
-    bounds: FloatArray
-    cuts: FloatArray
-    site: Bounds
-
-    @classmethod
-    def of(cls, xy: FloatArray, site: Bounds, most: int) -> Self:
-        """Halve the longer side of rectangles until none holds more than `most` points or is much too wide."""
-        area = (site[2] - site[0]) * (site[3] - site[1])
-        widest = _WIDEST * float(np.sqrt(area / len(xy)))
-        bounds: list[Bounds] = []
-        cuts: list[_Cut] = []
-        waiting: list[tuple[Bounds, IntArray, int, int]] = [(site, np.arange(len(xy)), -1, 0)]
-        while waiting:
-            rectangle, inside, parent, level = waiting.pop()
-            if parent >= 0:
-                cut = cuts[parent]
-                cuts[parent] = (
-                    cut._replace(below=len(cuts)) if cut.below < 0 else cut._replace(above=len(cuts))
-                )
-            width, height = rectangle[2] - rectangle[0], rectangle[3] - rectangle[1]
-            is_tile = len(inside) <= most and max(width, height) <= max(widest, 1e-9)
-            if is_tile or level == _MOST_LEVELS:
-                cuts.append(_Cut(-1, 0.0, len(bounds), -1))
-                bounds.append(rectangle)
-                continue
-            axis = 0 if width >= height else 1
-            at = 0.5 * (rectangle[axis] + rectangle[axis + 2])
-            cuts.append(_Cut(axis, at, -1, -1))
-            is_below = xy[inside, axis] < at
-            below, above = list(rectangle), list(rectangle)
-            below[axis + 2], above[axis] = at, at
-            here = len(cuts) - 1
-            waiting.append(((above[0], above[1], above[2], above[3]), inside[~is_below], here, level + 1))
-            waiting.append(((below[0], below[1], below[2], below[3]), inside[is_below], here, level + 1))
-        return cls(np.array(bounds), np.array(cuts, dtype=np.float64), site)
-
-    def __len__(self) -> int:
-        return len(self.bounds)
-
-    def centre(self, tile: int) -> FloatArray:
-        """Return the centre (2,) of a tile [m]."""
-        centre: FloatArray = 0.5 * (self.bounds[tile, :2] + self.bounds[tile, 2:])
-        return centre
-
-    def tile_of(self, xy: FloatArray) -> IntArray:
-        """Return the number of the tile (M,) that holds each place; the nearest one for places beyond the site."""
-        node = np.zeros(len(xy), dtype=np.int64)
-        axis, at = self.cuts[:, 0].astype(np.int64), self.cuts[:, 1]
-        below, above = self.cuts[:, 2].astype(np.int64), self.cuts[:, 3].astype(np.int64)
-        inner = np.flatnonzero(axis[node] >= 0)
-        while inner.size:
-            here = node[inner]
-            is_below = xy[inner, axis[here]] < at[here]
-            node[inner] = np.where(is_below, below[here], above[here])
-            inner = inner[axis[node[inner]] >= 0]
-        return below[node]
-
-    def nodes_in(self, tile: int, x: FloatArray, y: FloatArray) -> tuple[slice, slice]:
-        """Return the rows and columns of the nodes in a tile, on axes x (rising) and y (falling) [m]."""
-        west, south, east, north = self.bounds[tile].tolist()
-        columns = _span(x, west, east, is_last=east >= self.site[2])
-        rising = _span(y[::-1], south, north, is_last=north >= self.site[3])
-        return slice(len(y) - rising.stop, len(y) - rising.start), columns
-
-
-def _span(axis: FloatArray, low: float, high: float, *, is_last: bool) -> slice:
-    """Return the part of a rising axis from `low` up to, but without, `high`; with it at the end of the site."""
-    first = int(np.searchsorted(axis, low))
-    return slice(first, len(axis) if is_last else int(np.searchsorted(axis, high)))
-
-
-_N_NEAREST = 256
 _N_OWN = 48
 _N_TIMED_TILES = 40
 # The leave-one-out pass, and that of the calibration, which predicts a sixth of the points.
@@ -413,7 +274,7 @@ class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
         trend: TrendName = "none",
         progress: Progress | None = None,
     ) -> Self:
-        """Divide the site into tiles; points are conditioned on when a tile is asked for."""
+        """Divide the site into tiles; points are conditioned on when a tile is needed."""
         data = NoisyValues.of(xy, values, sigma_m)
         tree = SiteTree.of(data.xy, data.extent(bounds), _N_OWN)
         shape = trend_of_part(xy, values, sigma_m, kernel, trend)
@@ -434,7 +295,7 @@ class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
 
     def record(self) -> dict[str, Any]:
         """Return name, number of tiles and of neighbours for the record."""
-        return {**super().record(), "n_tiles": len(self.tree), "n_neighbours": _N_NEAREST}
+        return {**super().record(), "n_tiles": len(self.tree), "n_neighbours": N_NEAREST}
 
     def expected_s(self, x: FloatArray, y: FloatArray) -> float:
         """Return the expected time [s], from that of a few tiles."""
@@ -470,7 +331,7 @@ class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
 
     def _near(self, tile: int, own: IntArray | None = None) -> IntArray:
         """Return the numbers of the points nearest to a tile's centre, with given ones, in ascending order."""
-        k = min(_N_NEAREST, len(self.data))
+        k = min(N_NEAREST, len(self.data))
         nearest = np.atleast_1d(self._points.query(self.tree.centre(tile), k=k)[1]).astype(np.int64)
         return np.unique(nearest if own is None else np.concatenate([nearest, own]))
 

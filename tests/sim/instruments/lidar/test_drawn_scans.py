@@ -12,9 +12,8 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
 from survey.data.sensors.lidar import LidarScans
-from survey.reconstruction.registration.config import ScanPointsConfig
-from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.scan_points import registered
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import PathInterpolator, place_scans
 
 GRID = Grid((0.0, 0.0, 60.0, 60.0), 2.0)
 ROUTE = Route((Leg("swath", [[15.0, 30.0], [40.0, 32.0]]),), GRID.crs, "line")
@@ -43,7 +42,7 @@ def scans(config: LidarConfig, seed: int = 3) -> LidarScans:
 def heights_above_ground(drawn: LidarScans) -> FloatArray:
     """Return how far above the ground the returns lie by the real path."""
     motion, _ = exact_drive(terrain(), ROUTE, 1.0, 0.1)
-    placed = registered(drawn, PathInterpolator(motion), ScanPointsConfig(nearest_m=0.1))
+    placed = place_scans(drawn, PathInterpolator(motion), ScanPointsConfig(nearest_m=0.1))
     xyz = np.vstack([scan.xyz for scan in placed])
     above: FloatArray = xyz[:, 2] - terrain().at(xyz[:, :2])
     return above

@@ -135,7 +135,7 @@ def test_a_kernel_longer_than_the_site_draws_relief_that_points_show():
     for kernel in (Matern32(4.0, 60.0), Matern32(4.0 * 10.0**3, 600.0)):
         config = GaussianProcessConfig(fit=False, kernel=kernel, mean="plane")
         terrain = JointTerrain(path_error(1e-3), None, config, JointConfig(memory_mb=10.0))
-        height = terrain.solved(points, GRID.bounds).terrain.height(points.xy)
+        height = terrain.solve(points, GRID.bounds).terrain.height(points.xy)
         errors.append(float(np.std(height - hill(points.xy))))
     # Near points both have the same steepness; the longer one's waves were too long for the hills before.
     assert errors[1] < 1.5 * errors[0]
@@ -178,7 +178,7 @@ def test_roll_tilts_what_lies_to_the_side():
         KNOWN,
         JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1)),
     )
-    solution = found.solved(replace(points, xyz=tilted), GRID.bounds)
+    solution = found.solve(replace(points, xyz=tilted), GRID.bounds)
     roll_found = solution.posterior.shared[: 6 * 6].reshape(6, 6)[:, 5]
     # Cells of 10 cm over arms of 50 m.
     np.testing.assert_allclose(roll_found, roll, atol=0.004)
@@ -294,7 +294,7 @@ def test_landmarks_that_sink_alike_to_both_sides_do_not_bend_the_gaps():
     rmse, misfit = {}, {}
     for bow_deg in (0.0, 0.3):
         joint = JointConfig(satellite=TWO_M.satellite, bow_sigma_deg=bow_deg)
-        solved = JointTerrain(path, None, KNOWN, joint).solved(sunk, GRID.bounds)
+        solved = JointTerrain(path, None, KNOWN, joint).solve(sunk, GRID.bounds)
         error = solved.terrain.height(beside) - hill(beside)
         rmse[bow_deg] = float(np.sqrt(np.mean(error**2)))
         misfit[bow_deg] = float(np.mean(error**2 / np.diag(solved.terrain.covariance(beside))))
@@ -369,7 +369,7 @@ def test_a_horizontal_shift_is_found_through_the_slope():
     east = cells_of(lambda xy: steep(xy - [6.0, 0.0]))
     exact = SatelliteErrors(product="unbiased", sigma_m=0.1, shift_sigma_m=5.0)
     wide = KNOWN.model_copy(update={"variance_m2": 100.0})
-    solution = JointTerrain(path_error(0.02), east, wide, JointConfig(satellite=exact)).solved(
+    solution = JointTerrain(path_error(0.02), east, wide, JointConfig(satellite=exact)).solve(
         replace(fixed, origins=points.origins), GRID.bounds
     )
     facts = solution.diagnostics()

@@ -59,7 +59,7 @@ def landmarks(seed: int, *, far_bias_m: float = 0.0, shared_m: float = 0.0, n: i
 
 
 def solved(points: SurfacePoints, joint: JointConfig) -> JointSolution:
-    return JointTerrain(well_known_path(), None, KNOWN, joint).solved(points, GRID.bounds)
+    return JointTerrain(well_known_path(), None, KNOWN, joint).solve(points, GRID.bounds)
 
 
 def normalised(solution: JointSolution) -> np.ndarray:

@@ -9,7 +9,7 @@ from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.joint.cross_validation import (
-    _solved,
+    _solve_block,
     check_by_swaths,
     checked_map,
     held_out_swaths,
@@ -43,14 +43,14 @@ def two_swaths(n: int = 160, lift_m: float = 0.0, seed: int = 1) -> SurfacePoint
 
 
 def solution_of(points: SurfacePoints, path: PathError) -> JointSolution:
-    return JointTerrain(path, cells_of(hill), KNOWN, TWO_M).solved(points, GRID.bounds)
+    return JointTerrain(path, cells_of(hill), KNOWN, TWO_M).solve(points, GRID.bounds)
 
 
 def test_a_swath_is_predicted_as_by_an_estimate_without_it():
     points = two_swaths()
-    solution = JointTerrain(path_error(0.3, 0.5), None, KNOWN, TWO_M).solved(points, GRID.bounds)
+    solution = JointTerrain(path_error(0.3, 0.5), None, KNOWN, TWO_M).solve(points, GRID.bounds)
     rows = np.flatnonzero(points.keyframe <= 1.2)
-    block = _solved(solution, rows)
+    block = _solve_block(solution, rows)
     others = np.setdiff1d(np.arange(len(points)), rows)
     waves = waves_at(points.xy, solution.basis, solution.posterior.weights.amplitudes)
     design = np.hstack([waves, solution.rows.toarray()])
@@ -79,7 +79,7 @@ def test_an_honest_estimate_is_not_contradicted():
 
 
 def test_a_prediction_claims_what_an_unknown_kernel_leaves_open_as_the_map_does():
-    solution = JointTerrain(path_error(0.01), joint=TWO_M).solved(two_swaths(80), GRID.bounds)
+    solution = JointTerrain(path_error(0.01), joint=TWO_M).solve(two_swaths(80), GRID.bounds)
     assert solution.average is not None
     averaged, single = (held_out_swaths(one) for one in (solution, replace(solution, average=None)))
     assert averaged.sigma_m.mean() > 1.03 * single.sigma_m.mean()

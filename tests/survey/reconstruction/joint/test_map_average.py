@@ -71,7 +71,7 @@ def swath_of(kernel: SquaredExponential, seed: int, n: int = 160) -> tuple[Surfa
 def solution() -> JointSolution:
     """Joint estimate beside a single swath, with kernels that are fitted."""
     points, _ = swath_of(SquaredExponential(1.0, 40.0), seed=5)
-    return JointTerrain(path_error(0.01)).solved(points, GRID.bounds)
+    return JointTerrain(path_error(0.01)).solve(points, GRID.bounds)
 
 
 def test_maps_with_other_kernels_retain_nothing_of_the_path(solution: JointSolution) -> None:
@@ -93,7 +93,7 @@ def test_the_map_beside_a_single_swath_claims_what_an_unknown_kernel_leaves_open
 
 def test_a_stated_kernel_is_not_averaged() -> None:
     points, _ = swath_of(SquaredExponential(1.0, 40.0), seed=5)
-    assert JointTerrain(path_error(0.01), config=KNOWN).solved(points, GRID.bounds).average is None
+    assert JointTerrain(path_error(0.01), config=KNOWN).solve(points, GRID.bounds).average is None
 
 
 def test_relief_that_a_plane_takes_with_it_is_not_absent() -> None:

@@ -54,7 +54,7 @@ def landmarks(ground: Ground, shift_m: FloatArray, seed: int) -> SurfacePoints:
 
 def solved(points: SurfacePoints, path: PathError) -> JointSolution:
     independent = JointConfig(landmark_shared_sigma_m=0.0, far_bias_sigma_m=0.0)
-    return JointTerrain(path, None, STATED, independent).solved(points, SITE.bounds)
+    return JointTerrain(path, None, STATED, independent).solve(points, SITE.bounds)
 
 
 def test_bumps_do_not_tell_a_path_where_it_lies() -> None:

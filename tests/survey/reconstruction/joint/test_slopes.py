@@ -20,7 +20,7 @@ def solved(nugget_m: float = 0.0) -> JointSolution:
     )
     joint = JointConfig(landmark_shared_sigma_m=0.0)
     bounds = Grid((0.0, 0.0, 120.0, 80.0), 4.0).bounds
-    return JointTerrain(well_known_path(), None, config, joint).solved(landmarks(1), bounds)
+    return JointTerrain(well_known_path(), None, config, joint).solve(landmarks(1), bounds)
 
 
 def test_slopes_are_differences_of_the_heights_of_the_map():

@@ -14,7 +14,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.field_posterior import Stiffness
-from survey.reconstruction.lattice.solver import Operator, Rim, VCyclePreconditioner, solve
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import Rim, VCyclePreconditioner, solve
 from survey.reconstruction.line_of_sight.returns import ghosts
 from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, UNSEEN
 

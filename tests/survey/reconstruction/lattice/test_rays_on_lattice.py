@@ -14,7 +14,8 @@ from survey.reconstruction.lattice.calibration import Scenes, hidden_from, imagi
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.field_posterior import Stiffness
-from survey.reconstruction.lattice.solver import Ceiling, Operator, solve, solve_below
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import Ceiling, solve, solve_below
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
 from survey.reconstruction.nodes import NodeWindow
 from survey.reconstruction.terrain_map import MEASURED, RAY_BOUNDED

@@ -5,10 +5,11 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engine_choice import fit_process
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
-from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess, SiteTree
+from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess
+from survey.reconstruction.gp.engines.tiles import SiteTree
 from survey.reconstruction.gp.kernels import Matern32
-from survey.reconstruction.gp.process import conditioned
 
 KERNEL = Matern32(25.0, 60.0)
 SITE = (0.0, 0.0, 100.0, 100.0)
@@ -54,7 +55,7 @@ def test_every_node_lies_in_one_tile() -> None:
 def test_a_rough_site_that_does_not_settle_falls_back_to_neighbourhoods() -> None:
     rng = np.random.default_rng(1)
     xy = rng.uniform(0.0, 5000.0, (20_000, 2))
-    process = conditioned(
+    process, choice = fit_process(
         "gp",
         Matern32(900.0, 20.0),
         xy,
@@ -65,3 +66,4 @@ def test_a_rough_site_that_does_not_settle_falls_back_to_neighbourhoods() -> Non
         config=GaussianProcessConfig(memory_mb=2.0),
     )
     assert isinstance(process, LocalGaussianProcess)
+    assert choice.engine == "local"

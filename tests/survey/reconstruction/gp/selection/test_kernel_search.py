@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from survey.core.errors import InputError
-from survey.reconstruction.gp.kernel_search import SEARCHED, Cell, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import SEARCHED, Cell, KernelSearch, map_surveys
 
 LENGTHS = range(17, 42)
 """The lattice's length scales on a site of 600 m, a thirtieth to twice of it, four per doubling."""
@@ -50,7 +50,7 @@ def log_likelihood(cell, xy, heights, noise_m):
 )
 def test_the_likeliest_cell_of_the_whole_lattice_is_found(family, length_scale_m, noise_m):
     xy, heights = surveyed(family, length_scale_m, noise_m, n_surveys=1)
-    (found,) = KernelSearch(xy, heights, noise_m).found()
+    (found,) = KernelSearch(xy, heights, noise_m).search()
     ratios = [-28] if noise_m == 0.0 else range(-20, -3)
     every = [Cell(family, length, ratio) for family in SEARCHED for length in LENGTHS for ratio in ratios]
     likeliest = max(every, key=lambda cell: log_likelihood(cell, xy, heights[:, 0], noise_m))
@@ -60,8 +60,8 @@ def test_the_likeliest_cell_of_the_whole_lattice_is_found(family, length_scale_m
 
 def test_no_survey_depends_on_those_it_is_searched_with():
     xy, heights = surveyed("matern-5/2", 120.0, 0.2)
-    together = KernelSearch(xy, heights, 0.2).found()
-    alone = [KernelSearch(xy, heights[:, [b]], 0.2).found()[0] for b in range(3)]
+    together = KernelSearch(xy, heights, 0.2).search()
+    alone = [KernelSearch(xy, heights[:, [b]], 0.2).search()[0] for b in range(3)]
     assert [one.cell for one in together] == [one.cell for one in alone]
     # Columns solved together and alone round differently.
     assert [one.variance_m2 for one in together] == pytest.approx(
@@ -71,11 +71,11 @@ def test_no_survey_depends_on_those_it_is_searched_with():
 
 def test_maps_of_one_kernel_are_those_of_each_survey_alone():
     xy, heights = surveyed("matern-5/2", 120.0, 0.2)
-    found = KernelSearch(xy, heights, 0.2).found()[:1] * 3
+    found = KernelSearch(xy, heights, 0.2).search()[:1] * 3
     nodes = np.random.default_rng(7).uniform(0.0, 600.0, (50, 2))
-    together, claimed = mapped(xy, heights, found, nodes)
+    together, claimed = map_surveys(xy, heights, found, nodes)
     for b in range(3):
-        alone, its_claim = mapped(xy, heights[:, [b]], found[:1], nodes)
+        alone, its_claim = map_surveys(xy, heights[:, [b]], found[:1], nodes)
         # Micrometres: sums of another width round differently.
         np.testing.assert_allclose(together[:, [b]], alone, atol=1e-6)
         assert claimed[b] == pytest.approx(its_claim[0])

@@ -3,11 +3,11 @@
 import numpy as np
 
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engines.fourier_basis import resolution_for
+from survey.reconstruction.gp.engine_choice import fit_process
+from survey.reconstruction.gp.engines.fourier_basis import resolve_for_points
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.families import Sum
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
-from survey.reconstruction.gp.process import conditioned
 
 SITE = (0.0, 0.0, 300.0, 300.0)
 
@@ -21,9 +21,10 @@ def _swaths() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_a_smooth_kernel_keeps_the_exact_resolution() -> None:
     xy, _, sigma = _swaths()
-    resolution = resolution_for(
+    resolution = resolve_for_points(
         SquaredExponential(10.0, 40.0), SITE, xy, sigma**2, tolerance_m=1e-3, memory_mb=300.0
     )
+    assert resolution is not None
     assert resolution.is_met
 
 
@@ -34,7 +35,7 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     root = np.linalg.cholesky(kernel.covariance(xy, xy) + 0.01 * np.eye(900))
     z = root @ rng.standard_normal(900)
     config = GaussianProcessConfig(memory_mb=40.0)
-    fast = conditioned("gp", kernel, xy, z, sigma, bounds=SITE, trend="constant", config=config)
+    fast, _ = fit_process("gp", kernel, xy, z, sigma, bounds=SITE, trend="constant", config=config)
     dense = DenseGaussianProcess.fit(xy, z, sigma, kernel, trend="constant")
     places = rng.uniform(0.0, 300.0, (400, 2))
     mean, variance = fast.predict(places)

@@ -6,8 +6,8 @@ import pytest
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.methods.triangulation import triangulate
 from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, UNSEEN
-from survey.reconstruction.triangulation import triangulate
 
 CRS = "EPSG:32608"
 GRID = Grid((500_000.0, 6_500_000.0, 500_010.0, 6_500_010.0), 1.0, CRS)

@@ -7,7 +7,7 @@ import numpy as np
 
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.gp import gp_terrain as map_watch
+from survey.reconstruction.gp import gp_terrain
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
@@ -22,7 +22,7 @@ def fitted(n_points: int) -> None:
 
 
 def test_the_time_of_a_large_map_is_stated_for_every_engine(caplog, monkeypatch):
-    monkeypatch.setattr(map_watch, "_N_LARGE", 5000)
+    monkeypatch.setattr(gp_terrain, "_N_LARGE", 5000)
     with caplog.at_level(logging.WARNING):
         for n_points in (100, 600):  # dense, and in Fourier waves
             fitted(n_points)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.core.weighted_chi_square import WeightedChiSquare
+from survey.reconstruction.checks import WeightedChiSquare
 
 
 @pytest.mark.parametrize("weights", [[1.0], [1.0] * 3, [4.0, 1.0, 0.5, 0.1], list(0.7 ** np.arange(12.0))])

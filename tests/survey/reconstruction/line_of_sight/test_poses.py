@@ -6,7 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.errors import InputError
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.registration.poses import PathInterpolator, covariance_by_pose, own_covariance
+from survey.reconstruction.line_of_sight.scan_points import (
+    PathInterpolator,
+    covariance_by_pose,
+    own_covariance,
+)
 
 
 def path(yaw_deg: list[float]) -> Trajectory:

@@ -9,13 +9,13 @@ from survey.core.errors import InputError
 from survey.data.path_error import PathError
 from survey.data.sensors.lidar import SensorScan
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.registration.config import ScanPointsConfig
-from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.scan_points import (
+from survey.reconstruction.line_of_sight.config import ScanPointsConfig
+from survey.reconstruction.line_of_sight.scan_points import (
     BeamErrors,
+    PathInterpolator,
     RegisteredReturns,
     best_of_visits,
-    registered,
+    place_scans,
     representatives_of_stretches,
     scan_points,
 )
@@ -93,7 +93,7 @@ def test_a_vehicle_that_stands_still_gives_stretches_of_fifty_scans() -> None:
     level, place = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)), np.tile([5.0, 50.0, 100.0], (n, 1))
     parked = Trajectory(np.arange(n), place, level, np.zeros((n, 3, 3)), "EPSG:32608")
     poses, config = PathInterpolator(parked), ScanPointsConfig()
-    placed = registered((ring(float(t), n=30) for t in range(120)), poses, config)
+    placed = place_scans((ring(float(t), n=30) for t in range(120)), poses, config)
     sizes = [int(part.n_returns.sum()) for part in representatives_of_stretches(placed, config)]
     assert len(sizes) == 3
 
