@@ -35,7 +35,7 @@ def verdict_label(verdict: Verdict) -> str:
 def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
     """Say if the first class was met, with the RMSE beside its limit, and which is the tightest one met.
 
-    >>> from survey.scoring import judge
+    >>> from survey.scoring.standards.map_classes import judge
     >>> print(*verdict_sentence(judge(0.28)).split())
     The map meets Class 3 of ASPRS 1990 as read in the glacier paper, for a contour interval of 2.743 m: its RMSE is 0.280 m, the limit 0.457 m. The tightest limit that it meets is 0.305 m (Class 2, interval 1.829 m).
     """
