@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from desk.demo import write_demo
-from desk.sources import open_workspace
-from firnline.cli.mission_file import run_until
-from firnline.cli.options import RunOptions
+from desk.sources import open_workspace, write_demo
+from firnline.actions.interface import RunOptions
+from firnline.actions.missions import run_until
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

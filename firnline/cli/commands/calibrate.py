@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from firnline.cli.facts import end_dry_run, fact_line
-from firnline.cli.options import DryRun, Json, Quiet
+from firnline.actions.interface import DryRun, Json, Quiet, end_dry_run, fact_line
 from firnline.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def calibrate(
     the standard deviation of each parameter, and a picture of the residuals (camera.png). The mounting in it
     (T_body_camera) is level and forward until you correct it.
     """
-    from firnline.cli.outputs import refuse_existing
+    from firnline.actions.files import refuse_existing
     from firnline.cli.progress import counted
     from survey.core.files.writing import replacing
     from survey.figures import png_bytes

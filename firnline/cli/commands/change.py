@@ -1,21 +1,22 @@
-"""``firnline change``: elevation, volume and mass change between two surveys."""
+"""Commands of two surveys: ``change`` and ``track``."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from firnline.cli.facts import end_dry_run
+from firnline.actions.changes import OUTPUTS, ChangeRequest
+from firnline.actions.interface import DryRun, Quiet, end_dry_run
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
-from firnline.cli.scoring.change_request import OUTPUTS, ChangeRequest
 
 if TYPE_CHECKING:
     from survey import Dem, Reconstruction
     from survey.scoring.change.along_flow import Thickness
     from survey.scoring.change.results import Change
     from survey.scoring.motion.displacements import DisplacementField
+    from survey.scoring.motion.tracking import TrackedMotion
 
 
 @with_exit_codes
@@ -61,7 +62,7 @@ def change(request: ChangeRequest) -> None:
 
 def _end_dry_run(request: ChangeRequest) -> NoReturn:
     """Read surveys and outlines, and print what would be compared."""
-    from firnline.cli.scoring.surveys import surveys_of
+    from firnline.actions.changes import surveys_of
     from survey import Dem
     from survey.scoring.change.outlines import read_outlines
 
@@ -83,7 +84,7 @@ def _write_report(
     outlines: dict[str, Any],
     facts: dict[str, Any],
 ) -> None:
-    from firnline.cli.scoring.output import today
+    from firnline.actions.scoring import today
     from survey.reporting.accuracy.change import change_report
     from survey.reporting.accuracy.parts import ReportSetting
     from survey.reporting.document import write_document
@@ -98,7 +99,7 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
-    from firnline.cli.scoring.surveys import surveys_of
+    from firnline.actions.changes import surveys_of
     from survey import Dem
     from survey.scoring.change.change import change as compare
     from survey.scoring.change.outlines import read_outlines
@@ -129,7 +130,7 @@ def _flow(
     request: ChangeRequest, new: "Reconstruction | Dem", old: "Reconstruction | Dem"
 ) -> "tuple[DisplacementField | None, Thickness | None]":
     """Return the flow between the surveys and the thickness of the ice, where they are named."""
-    from firnline.cli.scoring.flow import flow_of, thickness_of
+    from firnline.actions.changes import flow_of, thickness_of
     from survey import Dem
 
     if request.flow is None:
@@ -204,3 +205,80 @@ def _signed(value: float) -> str:
 
     plain = rounded(value).replace("\u202f", " ").replace(MINUS, "-")
     return plain if plain.startswith("-") else f"+{plain}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackRequest:
+    """Options of the command."""
+
+    earlier: Annotated[Path, typer.Argument(help="Earlier survey: a raster of elevations, or an orthoimage.")]
+    later: Annotated[Path, typer.Argument(help="Later survey on the same grid.")]
+    days: Annotated[float, typer.Option("--days", min=1e-6, help="Time between the surveys [days].")]
+    images: Annotated[
+        bool, typer.Option("--images", help="Match the rasters as images, not hillshades of elevations.")
+    ] = False
+    window_px: Annotated[int, typer.Option("--window", help="Width of the windows, odd [pixels].")] = 33
+    step_px: Annotated[int, typer.Option("--step", min=1, help="Distance of the windows [pixels].")] = 16
+    search_px: Annotated[int, typer.Option("--search", help="Largest displacement searched [pixels].")] = 24
+    out: Annotated[Path, typer.Option("--out", "-o", help="Points: .gpkg, .geojson or .shp.")] = Path(
+        "velocity.gpkg"
+    )
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False
+    dry_run: DryRun = False
+    quiet: Quiet = False
+
+
+@with_exit_codes
+@with_options_of(TrackRequest)
+def track(request: TrackRequest) -> None:
+    """Track the features of a moving surface between two surveys: displacements, velocities and their errors.
+
+    Weak matches, and those that contradict their neighbours, are written with outlier = 1.
+
+    For example:
+
+      firnline track 2024.tif 2026.tif --days 730 -o velocity.gpkg
+    """
+    from firnline.actions.files import refuse_existing
+    from survey.core.map_scale import MapScale
+    from survey.data.dem import Dem
+    from survey.scoring.motion.tracked_file import write_tracked
+    from survey.scoring.motion.tracking import check_pair, track
+
+    refuse_existing([request.out], force=request.force, inputs=(request.earlier, request.later))
+    earlier, later = Dem.read(request.earlier), Dem.read(request.later)
+    check_pair(earlier, later, request.window_px, request.search_px)
+    if request.dry_run:
+        end_dry_run([request.out], {"surveys": "{} × {} cells".format(*earlier.shape)})
+    found = track(
+        earlier,
+        later,
+        window_px=request.window_px,
+        step_px=request.step_px,
+        search_px=request.search_px,
+        shaded=not request.images,
+    )
+    write_tracked(request.out, found, request.days, earlier.crs)
+    if not request.quiet:
+        scale = MapScale.over(earlier.crs, earlier.bounds).notable_factor
+        typer.echo(_speed_text(found, request.days * scale))
+        if scale != 1.0:
+            typer.echo(
+                f"note: {request.out.name} has displacements in metres of {earlier.crs.name}, {scale:.3f} of which are one metre on "
+                "the ground here; the speed above is on the ground"
+            )
+
+
+def _speed_text(found: "TrackedMotion", metres: float) -> str:
+    """Return the number of windows, the median speed and its error; `metres` of the CRS are one metre a day."""
+    import numpy as np
+
+    good = ~found.is_outlier
+    if not good.any():
+        return f"all {len(found)} windows are outliers; take larger windows, a wider search or surveys closer in time."
+    speed = np.hypot(*found.shift_m[good].T) / metres
+    sigma = np.hypot(*found.sigma_m[good].T) / np.sqrt(2.0) / metres
+    return (
+        f"{len(found)} windows, {int((~good).sum())} of them outliers; median speed {np.median(speed):.3g} m a day, "
+        f"median standard deviation {np.median(sigma):.2g} m a day on either axis"
+    )

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from firnline.cli.facts import end_dry_run
-from firnline.cli.options import DryRun
+from firnline.actions.exporting import RouteOptions, route_with_surroundings
+from firnline.actions.files import companions_of_output, refuse_existing, with_companions
+from firnline.actions.interface import DryRun, end_dry_run
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.outputs import companions_of_output, refuse_existing, with_companions
 from firnline.cli.request import with_options_of
-from firnline.cli.route_source import RouteOptions, route_with_surroundings
 
 if TYPE_CHECKING:
     import survey
@@ -118,7 +117,7 @@ def _target(request: ExportRequest) -> Iterator[Path]:
 
 def _export_mcap(request: ExportRequest) -> None:
     """Write the file of a run for viewers."""
-    from firnline.cli.live.mcap import export_mcap
+    from firnline.actions.exporting import export_mcap
 
     if request.dry_run:
         end_dry_run([request.out])

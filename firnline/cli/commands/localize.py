@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
-from firnline.cli.facts import end_dry_run, fact_line, figure_lines
-from firnline.cli.localizing.request import LocalizeRequest
+from firnline.actions.interface import end_dry_run, fact_line, figure_lines
+from firnline.actions.localizing import LocalizeRequest
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
 

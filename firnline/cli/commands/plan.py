@@ -1,8 +1,8 @@
 """``firnline plan``: a route for an area, with a picture and what is expected of it."""
 
+from firnline.actions.plan_request import PlanRequest
+from firnline.actions.planning import mode_of
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.planning.modes import mode_of
-from firnline.cli.planning.request import PlanRequest
 from firnline.cli.request import with_options_of
 
 
@@ -45,7 +45,7 @@ def plan(request: PlanRequest) -> None:
     """
     mode = mode_of(request)
     if request.dry_run:
-        from firnline.cli.planning.dry_run import print_plan_of
+        from firnline.actions.planning import print_plan_of
 
         print_plan_of(request)
         return

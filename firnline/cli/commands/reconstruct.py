@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from firnline.cli.mapping.options import ReconstructOptions
+from firnline.actions.mapping_request import ReconstructOptions
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
 
 if TYPE_CHECKING:
-    from firnline.cli.mapping.inputs import MapRequest
+    from firnline.actions.mapping_request import MapRequest
 
 
 @with_exit_codes
@@ -37,13 +37,13 @@ def reconstruct(options: ReconstructOptions) -> None:
       firnline reconstruct mine.toml
     """
     if options.sources[0].suffix == ".toml":
-        from firnline.cli.mission_file import print_summary, run_until
+        from firnline.actions.missions import print_summary, run_until
 
         _, run = run_until(options.sources[0], "reconstruct", options)
         print_summary(run, as_json=options.as_json)
         return
     if options.tiles:
-        from firnline.cli.mapping.tiles import map_tiled
+        from firnline.actions.tiled_mapping import map_tiled
 
         map_tiled(options)
         return
@@ -54,11 +54,9 @@ def reconstruct(options: ReconstructOptions) -> None:
 
 def _map(options: ReconstructOptions) -> None:
     """Check input and output, make the map, write and print it."""
-    from firnline.cli.mapping.inputs import map_request
-    from firnline.cli.mapping.outputs import OWN_FILES, print_map, write_map
-    from firnline.cli.mapping.points import map_points
-    from firnline.cli.mapping.scans import map_scan_files
-    from firnline.cli.outputs import refuse_existing
+    from firnline.actions.files import refuse_existing
+    from firnline.actions.mapping import OWN_FILES, map_points, map_scan_files, print_map, write_map
+    from firnline.actions.mapping_request import map_request
 
     request = map_request(options)
     refuse_existing([options.out], force=options.force, inputs=request.inputs, own=OWN_FILES)
@@ -71,8 +69,8 @@ def _map(options: ReconstructOptions) -> None:
 
 def _end_dry_run(request: "MapRequest", out: Path) -> NoReturn:
     """Read and check all input, and print what would be mapped."""
-    from firnline.cli.facts import end_dry_run
-    from firnline.cli.mapping.points import read_inputs
+    from firnline.actions.interface import end_dry_run
+    from firnline.actions.mapping import read_inputs
     from survey.interchange.scans import scan_files
 
     if request.is_of_scans:

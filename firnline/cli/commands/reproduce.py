@@ -6,7 +6,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from firnline.cli.options import DryRun, Quiet, Verbose
+from firnline.actions.interface import DryRun, Quiet, Verbose
 from firnline.cli.outcome import with_exit_codes
 
 
@@ -59,8 +59,8 @@ def reproduce(
 
 def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> NoReturn:
     """Check the folders, and print which studies would be made."""
-    from firnline.cli.facts import end_dry_run
-    from firnline.cli.outputs import refuse_existing
+    from firnline.actions.files import refuse_existing
+    from firnline.actions.interface import end_dry_run
     from papers.studies import study
 
     if name == "all":
@@ -80,7 +80,7 @@ def _left(out: Path, *, quick: bool, force: bool) -> list[str]:
 
 def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
     """Make one study beside its folder and exchange the two."""
-    from firnline.cli.outputs import refuse_existing
+    from firnline.actions.files import refuse_existing
     from firnline.cli.progress import counted
     from papers.studies import study
     from papers.study_cache import replacing_study

@@ -2,13 +2,16 @@
 
 from typing import NoReturn
 
-from firnline.cli.facts import end_dry_run
+from firnline.actions.interface import end_dry_run
+from firnline.actions.scoring import (
+    ScoreRequest,
+    map_of,
+    read_checkpoints,
+    score_against_raster,
+    score_at_checkpoints,
+)
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import with_options_of
-from firnline.cli.scoring.checkpoints import read_checkpoints, score_at_checkpoints
-from firnline.cli.scoring.maps import map_of
-from firnline.cli.scoring.raster import score_against_raster
-from firnline.cli.scoring.request import ScoreRequest
 
 
 @with_exit_codes
@@ -34,7 +37,7 @@ def score(request: ScoreRequest) -> None:
       firnline score mine.toml
     """
     if request.is_mission:
-        from firnline.cli.mission_file import print_summary, run_until
+        from firnline.actions.missions import print_summary, run_until
 
         request.refuse_options_of_maps()
         _, run = run_until(request.source, "score", request)

@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from firnline.cli.options import Verbose
+from firnline.actions.interface import Verbose
 from firnline.cli.outcome import INTERRUPTED, OUTPUT_CLOSED, with_exit_codes
 from survey.core.errors import CapacityError, ConfigError, InputError
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 import typer
 
-from firnline.cli.planning.foresight import print_options_of
+from firnline.actions.guaranteeing import print_options_of
 from planners import RandomWanderConfig
 from sim.config.ice import IceAssumptions, IceConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig

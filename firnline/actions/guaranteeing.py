@@ -1,0 +1,385 @@
+"""Plans that guarantee a map class: before the survey, with the errors that the path shares, or swath by swath."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import typer
+
+from firnline.actions.interface import fact_line
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, write_plan
+from firnline.cli.outcome import NOT_MET
+from sim.config.mission import MissionConfig
+from survey.core.quantity_text import length_text
+
+if TYPE_CHECKING:
+    import survey
+    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.guarantee.posterior.surfaces import Surface
+    from planners.guarantee.requirement import MapRequirement
+    from planners.guarantee.result import Guarantee
+    from sim.mission.foresight import PredictedSurvey
+    from survey.reconstruction.gp.covariance.kernels import Kernel
+
+
+def limit_of(require: str) -> float:
+    """Return the widest limit of a class of the paper's tables [m], or the number of metres that was given."""
+    from survey.core.errors import ConfigError
+    from survey.scoring.standards.map_classes import map_classes
+
+    widest = {row.map_class.lower().replace(" ", "-"): row.limit_m for row in reversed(map_classes())}
+    if require in widest:
+        return widest[require]
+    try:
+        return float(require)
+    except ValueError as error:
+        raise ConfigError(
+            f"--require {require} is no map class; take {', '.join(sorted(widest))} or an error in metres."
+        ) from error
+
+
+def requirement_of(request: PlanRequest) -> "MapRequirement":
+    """Return what the map has to meet."""
+    from planners.guarantee.requirement import MapRequirement
+
+    return MapRequirement(
+        limit_of(str(request.require)),
+        request.probability,
+        noise_m=request.noise_m,
+        localization_m=request.localization_m,
+        prior_sigma_m=request.prior_sigma_m,
+        assumed=request.assume,
+        surface=cast("Surface", request.surface),
+        micro_relief_m=request.micro_relief_m,
+        shared_m=request.shared_m,
+        max_swaths=request.max_swaths,
+    )
+
+
+def prior_of(request: PlanRequest) -> "tuple[survey.SurveyArea, survey.Dem]":
+    """Read the area and the prior that a guarantee needs."""
+    from survey.core.errors import InputError
+
+    if request.prior is None:
+        raise InputError("a guarantee needs the roughness of the terrain; give a coarse DEM with --prior.")
+    area, prior = request.read_area()
+    return area, cast("survey.Dem", prior)
+
+
+def found_guarantee(
+    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement", *, quiet: bool
+) -> "Guarantee":
+    """Return the guarantee; end with exit code 5 and one sentence where it does not hold."""
+    from firnline.cli.progress import counted
+    from planners.guarantee.guarantee import guarantee
+
+    with counted(quiet=quiet) as progress:
+        made = guarantee(area, prior, requirement, progress=progress)
+    if not made.holds:
+        typer.echo(f"firnline: {refusal_text(made)}", err=True)
+        raise typer.Exit(NOT_MET)
+    return made
+
+
+def refusal_text(made: "Guarantee") -> str:
+    """Return why a guarantee does not hold, and what can be reached, in one sentence."""
+    from planners.guarantee.requirement import reachable_class
+
+    requirement = made.requirement
+    reason = f" {contradiction_text(made)}; " if made.is_contradicted else " "
+    if made.predicted.probability >= requirement.probability:
+        return (
+            f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
+            f"to reach it with {made.predicted.probability:.0%}, but {len(made.simulated.rmse_m)} simulated surveys of other "
+            f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)});"
+            f"{reason}--adaptive learns how rough the ground is from its first swaths."
+        )
+    best = reachable_class(made.reachable_m)
+    return (
+        f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
+        f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}--adaptive "
+        "learns how rough the ground is from its first swaths."
+    )
+
+
+def contradiction_text(made: "Guarantee") -> str:
+    """Return by how much the relief of the prior contradicts the stated class of surface."""
+    without = "" if made.unstated_m is None else f", where the densest survey reaches {made.unstated_m:.3g} m"
+    return (
+        f"the relief of the prior contradicts surface {made.requirement.surface}: repeated at a smaller scale it gives "
+        f"{made.resampled_ratio:.1f} times the error predicted for that class; leave --surface out{without}"
+    )
+
+
+def _shares(made: "Guarantee") -> str:
+    """Return the share of simulated surveys that met the limit, by kind of ground."""
+    limit_m = made.requirement.limit_m
+    names = dict.fromkeys(made.simulated.grounds)
+    return ", ".join(f"{name} {made.simulated.share(limit_m, name):.0%}" for name in names)
+
+
+def plan_guaranteed(request: PlanRequest) -> None:
+    """Write the shortest route that guarantees the class, and print what it rests on."""
+    requirement = requirement_of(request)
+    area, prior = prior_of(request)
+    made = found_guarantee(area, prior, requirement, quiet=request.quiet)
+    best = made.posterior.likeliest
+    write_plan(request, made.route, drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m))
+    if request.as_json:
+        typer.echo(json.dumps(_facts(request, made), indent=2))
+    else:
+        _print_guarantee(request, made)
+
+
+def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
+    from planners.swaths.counting import count_lines
+
+    return {
+        **request.written,
+        "pattern": made.config.pattern,
+        "lines": count_lines(made.route),
+        "swaths": len(made.route.swaths),
+        "length_m": made.length_m,
+        "limit_m": made.requirement.limit_m,
+        "probability": made.predicted.probability,
+        "rmse_m": made.predicted.rmse_m,
+        "likely_rmse_m": made.likely.rmse_m,
+        "likely_swaths": made.likely_swaths,
+        "simulated_share": made.simulated_share,
+        "simulated_bound": made.simulated_bound,
+        "simulated_shares": {
+            name: made.simulated.share(made.requirement.limit_m, name)
+            for name in dict.fromkeys(made.simulated.grounds)
+        },
+        "stakes": None if made.stakes is None else str(made.stakes),
+        "assumed": made.assumptions,
+    } | {
+        name: value
+        for name, value in made.route.prediction.items()
+        if name in ("map_scale", "prior_covered_share")
+    }
+
+
+def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
+    from planners.swaths.counting import swaths_text
+    from survey.core.quantity_text import length_text
+
+    requirement = made.requirement
+    typer.echo(
+        f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
+        f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
+    )
+    facts = {
+        "assumed": made.assumptions,
+        "predicted": f"RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%}; in "
+        f"{made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
+        f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least",
+    }
+    if made.is_contradicted:
+        facts["but"] = contradiction_text(made)
+    if made.likely_swaths < (made.config.swaths or 0):
+        facts["likeliest ground"] = (
+            f"RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are enough; --adaptive finds out"
+        )
+    if made.stakes is not None:
+        facts["or"] = str(made.stakes)
+    facts["not included"] = "errors of position that grow along the path (--joint predicts them)"
+    facts["written to"] = request.written_text
+    for name, text in facts.items():
+        typer.echo(fact_line(name, text))
+
+
+def drawing_of(
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    *,
+    kernel: "Kernel | None" = None,
+    noise_m: float = 0.0,
+) -> PlanDrawing:
+    """Return what is drawn of a route, with the predicted error of the map where a covariance is given."""
+    return PlanDrawing(area, prior, kernel, noise_m)
+
+
+_MOST_FURTHER = 6
+_ROUGHER = (
+    "relief that the prior's cells do not show, beyond reconstruction.gp.nugget_m (0.15 m by default); on rough ground it "
+    "is the larger error: firnline plan AREA --prior RASTER --require counts it, firnline rehearse tries it"
+)
+
+
+def print_options_of(mission: MissionConfig, limit_m: float, probability: float, *, as_json: bool) -> None:
+    """Print the surveys that meet the class, the one with the least to drive first; exit code 5 where none does."""
+    from sim.mission.capacity import require_mission
+    from sim.mission.foresight import surveys_within
+
+    world = require_mission(mission)
+    options = list(surveys_within(mission, world, limit_m=limit_m, probability=probability))
+    best = _cheapest_of(options, limit_m, probability)
+    if as_json:
+        typer.echo(json.dumps({"limit_m": limit_m, "ways": [way._asdict() for way in options]}, indent=2))
+        return
+    _print_options(best, options)
+    typer.echo(fact_line("not included", _ROUGHER))
+
+
+def plan_joint(request: PlanRequest) -> None:
+    """Write the route with the least to drive that meets the class with the errors that its path shares.
+
+    No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
+    between the cells of the prior to be smooth.
+    """
+    import planners
+    from sim.mission.foresight import surveys_within
+    from sim.world.site import World
+    from survey.core.config import validated, with_overrides
+
+    stated = validated(
+        MissionConfig, with_overrides(_mission_values(request), request.settings), "the options"
+    )
+    area, prior = prior_of(request)
+    made = found_guarantee(area, prior, requirement_of(request), quiet=request.quiet)
+    mission = stated.model_copy(update={"planner": made.config})
+    limit_m, least = made.requirement.limit_m, made.config.swaths or 1
+    found = surveys_within(
+        mission,
+        World(prior, prior, area),
+        limit_m=limit_m,
+        probability=request.probability,
+        least_swaths=least,
+        most_swaths=least + _MOST_FURTHER,
+    )
+    options = list(found)
+    best = _cheapest_of(options, limit_m, request.probability, least + _MOST_FURTHER)
+    route = planners.plan(
+        area, prior, made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
+    )
+    write_plan(request, route, drawing_of(area, prior))
+    if request.as_json:
+        facts = {**request.written, "limit_m": limit_m}
+        typer.echo(json.dumps(facts | {"ways": [way._asdict() for way in options]}, indent=2))
+        return
+    _print_options(best, options)
+    assumed = f"{made.assumptions}; without errors of position {least} swaths are enough"
+    typer.echo(fact_line("assumed", assumed))
+    typer.echo(fact_line("written to", request.written_text))
+
+
+def _mission_values(request: PlanRequest) -> dict[str, object]:
+    """Return what the options of the command say as a mission; the terrain is given beside it."""
+    return {
+        "schema_version": 1,
+        "name": "plan",
+        "terrain": {"source": "srtm-sample"},
+        "planner": {"pattern": "lawnmower", "swaths": 4},
+        "satellite": {"sigma_m": request.prior_sigma_m},
+        "reconstruction": {"joint": {"satellite": {"sigma_m": max(request.prior_sigma_m, 0.01)}}},
+    }
+
+
+def _cheapest_of(
+    options: list["PredictedSurvey"], limit_m: float, probability: float, most_swaths: int = 8
+) -> "PredictedSurvey":
+    """Return the survey with the least to drive; end with exit code 5 where there is none."""
+    from sim.mission.foresight import cheapest
+
+    best = cheapest(options)
+    if best is None:
+        typer.echo(
+            f"firnline: no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
+            f"with {probability:.0%}; ask for a larger error, or for better sensors.",
+            err=True,
+        )
+        raise typer.Exit(NOT_MET)
+    return best
+
+
+def _print_options(best: "PredictedSurvey", options: list["PredictedSurvey"]) -> None:
+    typer.echo(f"least to drive: {best}")
+    for way in options:
+        if way != best:
+            typer.echo(fact_line("or", way))
+
+
+_TEXTS: dict[str, Callable[[Any], str]] = {
+    "length_m": length_text,
+    "probability": "{:.0%}".format,
+    "rmse_m": "{:.2f} m".format,
+}
+"""Facts that people read in other units than machines."""
+
+
+def plan_adaptive(request: PlanRequest) -> None:
+    """Plan the first swaths, or the next one after what was driven and measured."""
+    from planners.ground.transit import FreeGround
+    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.swaths.heading import across_marked_grain
+    from survey.core.errors import ConfigError
+
+    if (request.driven is None) != (request.measured is None):
+        raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
+    if request.assume is not None:
+        raise ConfigError("--adaptive fits the covariance to the survey; leave out --assume.")
+    requirement = requirement_of(request)
+    area, prior = prior_of(request)
+    config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
+    if request.driven is not None and request.measured is not None:
+        _plan_next(request, request.driven, request.measured, area, prior, config)
+    else:
+        _plan_first(request, area, prior, config)
+
+
+def _plan_first(
+    request: PlanRequest, area: "survey.SurveyArea", prior: "survey.Dem", config: "AdaptiveConfig"
+) -> None:
+    """Write the first swaths."""
+    from planners.guarantee.adaptive import first_swaths
+    from planners.guarantee.guarantee import posterior_of
+
+    route = first_swaths(area, posterior_of(area, prior, requirement_of(request)), config)
+    write_plan(request, route, drawing_of(area, prior))
+    step = "drive and measure them, then run this again with --driven and --measured"
+    _print_facts(_route_facts(request, route) | {"swaths": len(route.swaths), "next": step}, request)
+
+
+def _plan_next(
+    request: PlanRequest,
+    driven: Path,
+    measured: Path,
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    config: "AdaptiveConfig",
+) -> None:
+    """Write the next swath, say that none is needed, or end with exit code 5 where none would help."""
+    from planners.guarantee.adaptive import next_swath
+    from survey import Route, SurfacePoints
+
+    points = SurfacePoints.read(measured, crs=area.crs.to_wkt())
+    advice = next_swath(area, Route.read(driven), points.xy, points.xyz[:, 2], config)
+    if not advice.holds:
+        typer.echo(
+            f"firnline: no further swaths would reach {config.limit_m:.4g} m with {config.probability:.0%}; "
+            f"the densest survey is predicted to err {advice.predicted.rmse_m:.3g} m.",
+            err=True,
+        )
+        raise typer.Exit(NOT_MET)
+    facts = {"probability": advice.predicted.probability, "rmse_m": advice.predicted.rmse_m}
+    if advice.route is None:
+        _print_facts({"done": "the guarantee holds, no more driving is needed", **facts}, request)
+        return
+    write_plan(request, advice.route, drawing_of(area, prior))
+    _print_facts(_route_facts(request, advice.route) | facts, request)
+
+
+def _route_facts(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
+    return {**request.written, "length_m": route.ground_length_m}
+
+
+def _print_facts(facts: dict[str, Any], request: PlanRequest) -> None:
+    if request.as_json:
+        typer.echo(json.dumps(facts, indent=2))
+        return
+    for name, value in facts.items():
+        text = _TEXTS.get(name, str)(value)
+        typer.echo(fact_line(name.removesuffix("_m").replace("rmse", "predicted RMSE"), text))

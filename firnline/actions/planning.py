@@ -1,0 +1,361 @@
+"""Plan the route of a survey: of an area, of a mission, for a required class, or for a season."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+
+from firnline.actions.interface import end_dry_run, fact_line
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, fact_lines, plan_facts, write_plan
+
+if TYPE_CHECKING:
+    import planners
+    import survey
+    from survey.core.arrays import Progress
+    from survey.reconstruction.gp.covariance.kernels import Kernel
+
+
+_DEFAULT_SWATHS = 4
+_NOISE_M = 0.1
+_NOT_INCLUDED = "relief finer than the prior's cells and errors of the rover's position"
+
+
+@dataclass(frozen=True)
+class AreaPlan:
+    """Route of an area with what it was planned from; `kernel` is the covariance of the terrain, if one is known."""
+
+    area: "survey.SurveyArea"
+    prior: "survey.Dem | None"
+    rover: "planners.Rover"
+    kernel: "Kernel | None"
+    route: "survey.Route"
+    left_out: "tuple[planners.LeftOut, ...]"
+
+    @property
+    def drawing(self) -> PlanDrawing:
+        """What is drawn of it, with the predicted error of the map where the plan states one."""
+        if self.kernel is None or "rmse_m" not in self.route.prediction:
+            return PlanDrawing(self.area, self.prior, rover=self.rover, left_out=self.left_out)
+        sentence = _assumption(self.kernel)
+        return PlanDrawing(
+            self.area, self.prior, self.kernel, _NOISE_M, self.rover, self.left_out, (sentence,)
+        )
+
+
+def plan_area(request: PlanRequest) -> None:
+    """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
+    from firnline.cli.progress import counted
+    from planners.driving.rover import Crew, homes_of
+
+    config = checked_options(request)
+    area, dem = request.read_area()
+    homes_of(area, Crew(config.rover, config.fleet))
+    with counted(quiet=request.quiet) as progress:
+        progress("fitting the terrain's covariance", 0, 1)
+        kernel = None if dem is None else _kernel(dem, area)
+        progress("fitting the terrain's covariance", 1, 1)
+        made = area_plan(config, area, dem, kernel, progress)
+    write_plan(request, made.route, made.drawing)
+    _print_route(request, made.route)
+
+
+def area_plan(
+    config: Any,
+    area: "survey.SurveyArea",
+    prior: "survey.Dem | None",
+    kernel: "Kernel | None",
+    progress: "Progress | None" = None,
+) -> AreaPlan:
+    """Plan a route with the sections that `checked_options` returns."""
+    import planners
+
+    route = planners.plan(
+        area,
+        prior,
+        config.planner,
+        rover=config.rover,
+        fleet=config.fleet,
+        kernel=kernel,
+        progress=progress,
+    )
+    left_out = planners.drivable(area, config.rover, prior).left_out
+    return AreaPlan(area, prior, config.rover, kernel, route, left_out)
+
+
+def checked_options(request: PlanRequest) -> Any:
+    """Return the sections planner, rover and fleet as the options ask for them.
+
+    Raises
+    ------
+    ConfigError
+        A setting that is unknown or wrong.
+    """
+    from survey.core.config import validated, with_overrides
+
+    return validated(_sections_model(), with_overrides(_sections(request), request.settings), "the options")
+
+
+@cache
+def _sections_model() -> Any:
+    """Return the class of the sections that an area is planned with; made once, which takes a while."""
+    import planners
+    from survey.core.config import Section
+
+    class Wanted(Section):
+        planner: planners.PlannerConfig
+        rover: planners.Rover = planners.Rover()
+        fleet: planners.Fleet = planners.Fleet()
+
+    return Wanted
+
+
+def _default_size(pattern: str) -> dict[str, int]:
+    """Return the size of a pattern for which none is given; empty for a pattern that has no number of swaths."""
+    from planners.registry import PLANNERS
+
+    sized = {planner.name for planner in PLANNERS if "swaths" in planner.config.model_fields}
+    return {"swaths": _DEFAULT_SWATHS} if pattern in sized else {}
+
+
+def _sections(request: PlanRequest) -> dict[str, Any]:
+    """Return the options as sections of a mission."""
+    sizes = {
+        "swaths": request.swaths,
+        "spacing_m": request.spacing,
+        "budget_m": request.budget,
+        "rmse_m": request.rmse,
+    }
+    given = {name: value for name, value in sizes.items() if value is not None}
+    name = request.pattern or "lawnmower"
+    sections: dict[str, Any] = {"planner": {"pattern": name} | (given or _default_size(name))}
+    if request.rovers is not None:
+        sections["fleet"] = {"rovers": request.rovers}
+    if request.max_slope is not None:
+        sections["rover"] = {"max_pitch_deg": request.max_slope, "max_roll_deg": request.max_slope}
+    return sections
+
+
+def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
+    """Return the likeliest covariance of the prior; None, with the reason on stderr, where it is too coarse."""
+    from survey.core.errors import InputError
+
+    try:
+        return prior_kernel(dem, area)
+    except InputError as error:
+        typer.echo(f"firnline: no error is predicted: {error}", err=True)
+        return None
+
+
+def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
+    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses.
+
+    Raises
+    ------
+    InputError
+        Too few cells lie on the area.
+    """
+    import planners
+    from planners.prediction.prior_cover import covered_share
+
+    return None if covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
+
+
+def _assumption(kernel: "Kernel") -> str:
+    """Return in a sentence what the predicted error rests on."""
+    from survey.reconstruction.gp.covariance.kernels import KINDS
+
+    family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
+    return (
+        f"Predicted error: terrain with the covariance that the prior makes likeliest ({family}), samples with "
+        f"noise of {_NOISE_M:g} m; {_NOT_INCLUDED} are not included."
+    )
+
+
+def _print_route(request: PlanRequest, route: "survey.Route") -> None:
+    """Print what is expected of the route, for people or as JSON."""
+    from planners.swaths.counting import swaths_text
+
+    if request.as_json:
+        typer.echo(json.dumps(plan_facts(request, route), indent=2))
+        return
+    typer.echo(f"{swaths_text(route)}, written to {request.written_text}")
+    for line in fact_lines(route.prediction):
+        typer.echo(line)
+    if "rmse_m" in route.prediction:
+        remedy = "--require counts the first, --require with --joint the second"
+        typer.echo(fact_line("RMSE excludes", f"{_NOT_INCLUDED} ({remedy})"))
+
+
+def plan_mission(request: PlanRequest) -> None:
+    """Run the plan stage of a mission."""
+    from firnline.actions.missions import print_summary, run_until
+
+    _, run = run_until(request.source, "plan", request)
+    print_summary(run, as_json=request.as_json)
+
+
+def required_swaths(request: PlanRequest) -> None:
+    """Print the numbers of swaths and stakes with which the mission's map meets the class."""
+    from firnline.actions.guaranteeing import limit_of, print_options_of
+    from sim.mission.runs import read_mission
+
+    mission = read_mission(request.source, request.settings)
+    print_options_of(mission, limit_of(str(request.require)), request.probability, as_json=request.as_json)
+
+
+def print_plan_of(request: PlanRequest) -> NoReturn:
+    """Check the inputs of a plan and print what the command would do."""
+    if request.is_mission:
+        from firnline.actions.missions import print_stages_of
+
+        print_stages_of(request.source, request, until="plan")
+    end_dry_run(request.files.values(), _facts(request))
+
+
+def _facts(request: PlanRequest) -> dict[str, Any]:
+    from survey.core.map_scale import ground_area_m2
+    from survey.core.quantity_text import area_text
+
+    pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
+    if request.require is None and request.season is None:
+        config = checked_options(request)
+        pattern = f"{config.planner.pattern}, {config.fleet.rovers} rover{'s' * (config.fleet.rovers > 1)}"
+    area, prior = request.read_area()
+    if config is not None:
+        from planners.driving.rover import Crew, homes_of
+
+        homes_of(area, Crew(config.rover, config.fleet))
+    facts = {
+        "area": f"{request.source}, {area_text(ground_area_m2(area.crs, area.polygon))}, {area.crs.name}",
+        "pattern": pattern,
+    }
+    if prior is not None:
+        rows, columns = prior.shape
+        facts["prior"] = f"{request.prior}, {rows} × {columns} cells of {prior.step_m:g} m"
+    return facts
+
+
+_OF_A_MISSION = (
+    "swaths",
+    "spacing",
+    "budget",
+    "rmse",
+    "prior",
+    "crs",
+    "no_go",
+    "rovers",
+    "max_slope",
+    "pattern",
+)
+_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "season", "dates")
+_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
+
+
+def mode_of(request: PlanRequest) -> Callable[[PlanRequest], None]:
+    """Return the function that carries out a request.
+
+    Raises
+    ------
+    ConfigError
+        Options that contradict one another, or a probability out of its range.
+    InputError
+        An output that exists, is an input or cannot be written.
+    """
+    if request.require is not None:
+        from planners.guarantee.requirement import require_probability
+
+        require_probability(request.probability)
+    if request.is_mission:
+        return _mission_mode(request)
+    if request.given("season", "dates"):
+        mode = _season_mode(request)
+        request.check_outputs()
+        return mode
+    if request.require is None:
+        from survey.core.errors import ConfigError
+
+        stated = request.given("joint", "adaptive", "driven", "measured", "assume")
+        if stated:
+            raise ConfigError(
+                f"{', '.join(stated)} goes with --require; give the class or error that is required."
+            )
+    mode = _area_mode() if request.require is None else _guarantee_mode(request)
+    request.check_outputs()
+    return mode
+
+
+def _area_mode() -> Callable[[PlanRequest], None]:
+    return plan_area
+
+
+def _mission_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
+    """Return what to do with a mission file; options that the file decides are refused."""
+    from survey.core.errors import ConfigError
+
+    stated = request.given(*_OF_A_MISSION)
+    if stated:
+        raise ConfigError(
+            f"{request.source} is a mission file, which sets {', '.join(stated)} itself; change it with --set, "
+            "as in --set planner.swaths=6."
+        )
+    foreign = request.given(*_OF_AN_AREA)
+    if foreign:
+        raise ConfigError(
+            f"{', '.join(foreign)} goes with an area, but {request.source} is a mission file; leave it out."
+        )
+
+    return plan_mission if request.require is None else required_swaths
+
+
+def _season_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
+    """Return the function for a season; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
+
+    if request.season is None or request.dates is None:
+        raise ConfigError(
+            "--season and --dates belong together: the wanted error, and the days of both surveys."
+        )
+    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings")
+    if stated:
+        raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
+    if request.out.suffix.lower() not in (".geojson", ".gpkg"):
+        raise ConfigError(f"--season writes a route (.geojson, .gpkg), not {request.out}; choose another -o.")
+    from firnline.actions.season import plan_season
+
+    return plan_season
+
+
+def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
+    """Return the function for a required class; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
+
+    stated = [
+        name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
+    ]
+    if request.settings and not request.joint:
+        stated.append("--set (which goes with --joint)")
+    if stated:
+        raise ConfigError(
+            f"--require chooses pattern, swaths and spacing itself, for one rover; leave out {', '.join(stated)}."
+        )
+    if request.joint and request.adaptive:
+        raise ConfigError("--joint predicts a complete survey beforehand; leave out --adaptive.")
+    return _guaranteed(request)
+
+
+def _guaranteed(request: PlanRequest) -> Callable[[PlanRequest], None]:
+    """Import and return the function for a required class."""
+    if request.joint:
+        from firnline.actions.guaranteeing import plan_joint
+
+        return plan_joint
+    if request.adaptive:
+        from firnline.actions.guaranteeing import plan_adaptive
+
+        return plan_adaptive
+    from firnline.actions.guaranteeing import plan_guaranteed
+
+    return plan_guaranteed

@@ -1,0 +1,547 @@
+"""Judge a map by a reference raster or by checkpoints: error statistics, classes of ground, map class, report."""
+
+import math
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from firnline.actions.interface import RunOptions, columns_option, epoch_option, fact_line, figure_lines
+from firnline.cli.outcome import NOT_MET
+
+if TYPE_CHECKING:
+    from survey import Dem, Reconstruction, Score, SurveyArea
+    from survey.core.arrays import FloatArray
+    from survey.reporting.document import Document
+    from survey.scoring import CheckpointErrors, Checkpoints, CheckpointScore
+    from survey.scoring.class_scores import ClassScore
+
+
+SLOPE = "slope"
+"""Value of ``--by`` for classes of slope; anything else is a file."""
+_STANDARDS = ["asprs-edition-2"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreRequest(RunOptions):
+    """Options of the command."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Map (raster; its second band is the standard deviation) or mission file (TOML)."
+        ),
+    ]
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="Reference raster, finer and more accurate than the map.")
+    ] = None
+    checkpoints: Annotated[
+        Path | None,
+        typer.Option(
+            "--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."
+        ),
+    ] = None
+    standards: Annotated[
+        list[str],
+        typer.Option("--standard", help="Judge checkpoints by: asprs-edition-2, asprs-2014, nssda-1998, …"),
+    ] = field(default_factory=lambda: list(_STANDARDS))
+    class_m: Annotated[
+        float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
+    ] = None
+    horizontal_class_m: Annotated[
+        float | None,
+        typer.Option(
+            "--horizontal-class",
+            help="Horizontal class wanted [m]; checkpoints have the columns map_x and map_y.",
+        ),
+    ] = None
+    interval_m: Annotated[
+        float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
+    ] = None
+    sigma_m: Annotated[
+        float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")
+    ] = None
+    columns: Annotated[
+        list[str],
+        columns_option(
+            "Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name, map_x, map_y, sigma_xy; usual names are found."
+        ),
+    ] = field(default_factory=list)
+    datum: Annotated[
+        str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")
+    ] = None
+    control: Annotated[
+        Path | None,
+        typer.Option("--control", help="Points that the map was made from; no checkpoint may be one."),
+    ] = None
+    area: Annotated[Path | None, typer.Option("--area", help="Judge only inside this polygon.")] = None
+    route: Annotated[
+        Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            "--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."
+        ),
+    ] = None
+    epoch_s: Annotated[
+        float | None,
+        epoch_option(
+            "Move a map of moving ice (folder with ice_motion.json) to this time of its recording first [s]."
+        ),
+    ] = None
+    by: Annotated[
+        list[str],
+        typer.Option(
+            "--by",
+            metavar="slope|FILE",
+            help="Statistics by class: slope, or a raster or polygons of land cover.",
+        ),
+    ] = field(default_factory=list)
+    class_column: Annotated[
+        str | None, typer.Option("--class-column", help="Column of the polygons that names the class.")
+    ] = None
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf."),
+    ] = None
+    language: Annotated[
+        str, typer.Option("--language", help="Language of the statements beside English: en or de.")
+    ] = "en"
+    force: Annotated[bool, typer.Option("--force", help="Replace a report that is there.")] = False
+
+    @property
+    def is_mission(self) -> bool:
+        """Whether the source is a mission file."""
+        return self.source.suffix == ".toml"
+
+    def check(self) -> None:
+        """Refuse what cannot be done, before anything is read.
+
+        Raises
+        ------
+        InputError
+            Neither reference nor checkpoints, or a report that is there already.
+        ConfigError
+            An unknown standard, language or form of report, or a column mapping that was not understood.
+        """
+        from survey.core.errors import InputError
+        from survey.data.ice.motion_file import ICE_MOTION
+        from survey.io.text_tables.spellings import parsed_columns
+        from survey.scoring.standards.standards import standard_named
+
+        if self.truth is None and self.checkpoints is None:
+            raise InputError(
+                f"{self.source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
+            )
+        self._refuse_unused()
+        if self.epoch_s is not None and not (self.source / ICE_MOTION).exists():
+            raise InputError(
+                f"--epoch moves a map with the ice, and {self.source} holds no {ICE_MOTION}; name the folder of a map on moving ice, "
+                "or leave --epoch out."
+            )
+        parsed_columns(self.columns)
+        for name in self.standards:
+            standard_named(name)
+        if self.report is not None:
+            self._check_report(self.report)
+
+    def _refuse_unused(self) -> None:
+        """Refuse a reference beside checkpoints, options of checkpoints without them, and the map as its own reference."""
+        from survey.core.errors import InputError
+
+        if self.checkpoints is None:
+            options = {
+                "--standard": self.standards != _STANDARDS,
+                "--class": self.class_m is not None,
+                "--horizontal-class": self.horizontal_class_m is not None,
+                "--interval": self.interval_m is not None,
+                "--sigma": self.sigma_m is not None,
+                "--columns": bool(self.columns),
+                "--datum": self.datum is not None,
+                "--control": self.control is not None,
+            }
+            unused = next((name for name, is_given in options.items() if is_given), None)
+            if unused is not None:
+                raise InputError(
+                    f"{unused} belongs to --checkpoints, and the map is judged by a raster; leave {unused} out, or name checkpoints."
+                )
+        elif self.truth is not None:
+            raise InputError(
+                "--truth and --checkpoints were both given; judge the map by one of them at a time."
+            )
+        if self.truth is not None and self.truth.absolute() == self.source.absolute():
+            raise InputError(
+                f"{self.source} is the map and its own reference; name another raster with --truth."
+            )
+
+    def _check_report(self, report: Path) -> None:
+        from firnline.actions.files import refuse_existing
+        from survey.reporting.document.writing import OUTPUTS, check_target
+        from survey.reporting.statements import template
+
+        template(self.language)
+        target = check_target(report)
+        inputs = (self.source, self.truth, self.checkpoints, self.control, self.area, self.route)
+        refuse_existing([target], force=self.force, inputs=inputs, own=() if target.suffix else OUTPUTS)
+
+    def refuse_options_of_maps(self) -> None:
+        """Refuse options that a mission file does not take.
+
+        Raises
+        ------
+        InputError
+            ``--report`` or ``--by`` was given.
+        """
+        from survey.core.errors import InputError
+
+        if self.epoch_s is not None:
+            raise InputError(
+                f"{self.source} is a mission, whose epoch is a setting of it; add --set ice.epoch_s={self.epoch_s:g} instead of --epoch."
+            )
+        if self.report is not None or self.by:
+            raise InputError(
+                f"{self.source} is a mission, whose page firnline report writes; --report and --by judge a map, name its raster or the "
+                "folder 4-reconstruct of the run."
+            )
+
+
+def map_of(source: Path, crs: str | None = None, epoch_s: float | None = None) -> "Reconstruction | Dem":
+    """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation.
+
+    A map of moving ice is moved to an epoch where one is named.
+    """
+    import numpy as np
+
+    import survey
+    from survey.data.ice.motion_file import ICE_MOTION, read_motion
+    from survey.io.raster import band_count
+    from survey.reconstruction import INTERPOLATED
+    from survey.reconstruction.motion.epoch import at_epoch
+
+    if source.is_dir():
+        own = survey.Reconstruction.read(source)
+        if epoch_s is None:
+            return own
+        return at_epoch(own, read_motion(source / ICE_MOTION), epoch_s)[0]
+    mean = survey.Dem.read(source, crs=crs)
+    if band_count(source) < 2:
+        return mean
+    std = survey.Dem.read(source, band=2, crs=crs)
+    return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})
+
+
+def print_statistics(figures: dict[str, Any]) -> None:
+    """Print error statistics, one line each."""
+    for line in figure_lines(figures):
+        typer.echo(line)
+
+
+def today() -> str:
+    """Return the date in words, as reports state it."""
+    return f"{datetime.now(UTC):%d %B %Y}"
+
+
+def written(request: ScoreRequest, document: "Document") -> None:
+    """Write a report and state where."""
+    from survey.reporting.document import write_document
+
+    assert request.report is not None
+    target = write_document(request.report, document)
+    typer.echo(f"report written to {target}", err=request.as_json)
+
+
+Classes = dict[str, tuple["ClassScore", ...]]
+
+
+def scores_by_class(
+    request: ScoreRequest, errors: "FloatArray", std: "FloatArray", xy: "FloatArray", surface: "Dem"
+) -> Classes:
+    """Return error statistics by each classification that was asked for.
+
+    `surface` gives the slopes: the reference where there is one, else the map.
+    """
+    from survey.scoring.class_scores import class_scores, slope_classes
+    from survey.scoring.land_cover import land_cover_at
+
+    found: Classes = {}
+    for by in request.by:
+        if by == SLOPE:
+            names = slope_classes(surface.slope().at(xy))
+        else:
+            names = land_cover_at(by, xy, surface.crs, request.class_column)
+        found[_name_of(by)] = class_scores(errors, std, names)
+    return found
+
+
+def _name_of(by: str) -> str:
+    return by if by == SLOPE else Path(by).stem
+
+
+def class_lines(classes: Classes) -> list[str]:
+    """Return the tables of classes as text."""
+    lines = []
+    for name, rows in classes.items():
+        width = max(len(name), *(len(row.name) for row in rows)) + 2
+        lines.append(f"{name:<{width}}{'n':>8}{'RMSE':>9}{'NMAD':>9}{'bias':>9}{'in 95 %':>9}")
+        lines += [
+            f"{row.name:<{width}}{row.n:>8}{row.rmse_m:>9.3f}{row.nmad_m:>9.3f}{row.bias_m:>+9.3f}"
+            + (f"{row.coverage_95:>9.1%}" if math.isfinite(row.coverage_95) else f"{'–':>9}")
+            for row in rows
+        ]
+    return lines
+
+
+def class_values(classes: Classes) -> dict[str, list[dict[str, object]]]:
+    """Return the tables of classes as plain values for JSON."""
+    from dataclasses import asdict
+
+    return {
+        name: [{key: _plain(value) for key, value in asdict(row).items()} for row in rows]
+        for name, rows in classes.items()
+    }
+
+
+def _plain(value: object) -> object:
+    """Return a value for JSON, None for NaN."""
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+LARGE = 20_000_000
+"""Rasters of more cells are scored in blocks."""
+# Ratio of the cells of reference and map from which a note is printed.
+_WIDER = 1.5
+
+
+def score_against_raster(request: ScoreRequest) -> None:
+    """Judge a map against a reference raster, print the score, and write the report that was asked for."""
+    if _is_large(request):
+        _print(request, _in_blocks(request), {})
+        return
+    import survey
+
+    assert request.truth is not None
+    map_, truth = (
+        map_of(request.source, request.crs, request.epoch_s),
+        survey.Dem.read(request.truth, crs=request.crs),
+    )
+    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=truth.crs)
+    route = None if request.route is None else survey.Route.read(request.route)
+    score = survey.score(map_, truth=truth, route=route, area=area)
+    classes = _classes(request, map_, truth, area)
+    _print(request, score, classes)
+    _print_datums(request, map_, truth)
+    _print_cells(request, map_, truth)
+    _print_age(request, map_)
+    if request.report is not None:
+        _write_report(request, (map_, truth), score, area, classes)
+
+
+def _is_large(request: ScoreRequest) -> bool:
+    """Return whether the rasters are scored in blocks; refuse what blocks cannot give."""
+    from survey.core.errors import CapacityError
+    from survey.io.raster import raster_facts
+
+    assert request.truth is not None
+    if request.route is not None or not request.source.is_file():
+        return False
+    files = (request.truth, request.source)
+    cells = max(math.prod(raster_facts(file).shape) for file in files)
+    if cells > LARGE and (request.report is not None or request.by):
+        raise CapacityError(
+            f"{request.source} or {request.truth} has {cells:,} cells; --report and --by take up to {LARGE:,}, cut the rasters to the area."
+        )
+    return cells > LARGE
+
+
+def _in_blocks(request: ScoreRequest) -> "Score":
+    import survey
+    from survey.core.crs.agreement import agreed_crs
+    from survey.io.raster import raster_facts
+    from survey.scoring.blocks import score_files
+
+    assert request.truth is not None
+    system = agreed_crs(raster_facts(request.truth).crs, request.crs, str(request.truth))
+    ground = None if request.area is None else survey.SurveyArea.read(request.area, crs=system)
+    return score_files(request.source, request.truth, ground, crs=request.crs)
+
+
+def _classes(
+    request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem", area: "SurveyArea | None"
+) -> Classes:
+    """Return the statistics by class, at the nodes that are scored."""
+    from survey.scoring.comparison import compare, mean_and_std
+
+    if not request.by:
+        return {}
+    mean, std = mean_and_std(map_)
+    compared = compare(mean, std, truth, area)
+    return scores_by_class(request, compared.errors, compared.std, mean.xy[compared.scored], truth)
+
+
+def _print(request: ScoreRequest, score: "Score", classes: Classes) -> None:
+    import json
+
+    from firnline.actions.missions import best_class
+
+    judged = score.to_dict()
+    if request.as_json:
+        by_class = {"classes": class_values(classes)} if classes else {}
+        typer.echo(json.dumps({**judged, **by_class}, indent=2))
+        return
+    print_statistics(judged["elevation"])
+    for line in class_lines(classes):
+        typer.echo(line)
+    typer.echo(best_class(judged))
+
+
+def _print_datums(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem") -> None:
+    """Print a note where one of map and reference alone states its vertical datum."""
+    from survey import Dem
+
+    mean = map_ if isinstance(map_, Dem) else map_.mean
+    if bool(mean.vertical_datum) != bool(truth.vertical_datum) and not request.as_json:
+        stated, unstated = ("map", "reference") if mean.vertical_datum else ("reference", "map")
+        typer.echo(
+            f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "
+            "tens of metres can hide there"
+        )
+
+
+def _print_cells(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem") -> None:
+    """Print a note where the cells of the reference are wider than those of the map."""
+    from survey import Dem
+
+    step_m = (map_ if isinstance(map_, Dem) else map_.mean).step_m
+    if truth.step_m > _WIDER * step_m and not request.as_json:
+        typer.echo(
+            f"  note: the cells of the reference are {truth.step_m:g} m wide and those of the map {step_m:g} m; "
+            "relief between the cells of the reference counts as an error of the map"
+        )
+
+
+def _print_age(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
+    """Print the motion of the ice and for how long the map holds its class, where the map states them."""
+    from survey import Dem
+    from survey.scoring.standards.certificate import stated_age
+
+    age = None if isinstance(map_, Dem) or request.as_json else stated_age(map_)
+    if age is not None:
+        typer.echo(age)
+
+
+def _write_report(
+    request: ScoreRequest,
+    compared: tuple["Reconstruction | Dem", "Dem"],
+    score: "Score",
+    area: "SurveyArea | None",
+    classes: Classes,
+) -> None:
+    from survey.reporting.accuracy.parts import ReportSetting
+    from survey.reporting.accuracy.reference import reference_report
+
+    assert request.truth is not None
+    inputs = {"Map": request.source.name, "Reference": request.truth.name}
+    setting = ReportSetting(request.source.stem, today(), inputs, request.language)
+    written(request, reference_report(setting, *compared, score, area=area, classes=classes))
+
+
+def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
+    """Judge a map by checkpoints, print the findings, and write the report; exit code 5 where a wanted class is not met."""
+    import json
+
+    import survey
+    from survey.scoring import compare, score_at
+
+    dem = map_ if isinstance(map_, survey.Dem) else map_.mean
+    points = read_checkpoints(request, dem)
+    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=dem.crs)
+    errors = compare(dem, points, area)
+    judged = score_at(
+        errors,
+        tuple(request.standards),
+        class_m=request.class_m,
+        interval_m=request.interval_m,
+        horizontal_class_m=request.horizontal_class_m,
+    )
+    classes = _classes_at_checkpoints(request, map_, dem, errors)
+    if request.as_json:
+        by_class = {"classes": class_values(classes)} if classes else {}
+        typer.echo(json.dumps({**judged.to_dict(), **by_class}, indent=2))
+    else:
+        _print_checkpoints(judged, classes)
+    if request.report is not None:
+        _write_checkpoint_report(request, dem, errors, judged, area, classes)
+    if any(finding.outcome == "not met" for finding in judged.assessments):
+        raise typer.Exit(NOT_MET)
+
+
+def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
+    """Read the checkpoints, and refuse those that the map was made from."""
+    from survey.io.text_tables.spellings import parsed_columns
+    from survey.scoring import Checkpoints
+    from survey.scoring.standards.checkpoints import control_places
+
+    assert request.checkpoints is not None
+    points = Checkpoints.read(
+        request.checkpoints,
+        crs=dem.crs,
+        sigma_m=request.sigma_m,
+        vertical_datum=request.datum,
+        columns=parsed_columns(request.columns),
+    )
+    if request.control is not None:
+        points.refuse_control(control_places(request.control, dem.crs))
+    return points
+
+
+def _classes_at_checkpoints(
+    request: ScoreRequest, map_: "Reconstruction | Dem", dem: "Dem", errors: "CheckpointErrors"
+) -> Classes:
+    """Return the statistics by class; deviations are those of map and checkpoint together."""
+    import numpy as np
+
+    import survey
+
+    if not request.by or errors.xyz is None:
+        return {}
+    xy = errors.xyz[:, :2]
+    claimed = np.full(len(xy), np.nan) if isinstance(map_, survey.Dem) else map_.std.at(xy)
+    return scores_by_class(request, errors.errors_m, np.hypot(claimed, errors.sigma_z_m), xy, dem)
+
+
+def _print_checkpoints(judged: "CheckpointScore", classes: Classes) -> None:
+    print_statistics(judged.to_dict()["elevation"])
+    low, high = judged.interval.low_m, judged.interval.high_m
+    typer.echo(fact_line("RMSE, 95 %", f"{low:.3f} to {high:.3f} m ({judged.interval.method})"))
+    if judged.left_out:
+        typer.echo(f"no height at {', '.join(judged.left_out)}")
+    if judged.n_outside:
+        typer.echo(f"{judged.n_outside} checkpoints lie outside the area that is judged and are left out")
+    for line in class_lines(classes):
+        typer.echo(line)
+    for finding in judged.assessments:
+        typer.echo(finding.sentence)
+        for caution in finding.cautions:
+            typer.echo(f"  note: {caution}")
+
+
+def _write_checkpoint_report(
+    request: ScoreRequest,
+    dem: "Dem",
+    errors: "CheckpointErrors",
+    judged: "CheckpointScore",
+    area: "SurveyArea | None",
+    classes: Classes,
+) -> None:
+    from survey.reporting.accuracy.checkpoints import checkpoint_report
+    from survey.reporting.accuracy.parts import ReportSetting
+
+    inputs = {
+        "Map": request.source.name,
+        "Checkpoints": str(request.checkpoints and request.checkpoints.name),
+    }
+    setting = ReportSetting(request.source.stem, today(), inputs, request.language)
+    written(request, checkpoint_report(setting, dem, errors, judged, area=area, classes=classes))
