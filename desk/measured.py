@@ -5,19 +5,17 @@ import shlex
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pyproj import CRS
 
 from desk.plan.dropped import thinned_points
 from desk.runs import map_layers
-from firnline.actions.mapping import map_points, write_map
-from firnline.actions.mapping_request import ReconstructOptions, map_request
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import next_swath
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from firnline.actions.guaranteeing import swath_advice
+from firnline.actions.mapping import reconstruct
+from firnline.actions.requests import ReconstructRequest
+from firnline.actions.scoring import ScoreRequest, score
 from planners.guarantee.requirement import MapRequirement
-from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
 from survey.core.files.writing import replacing
@@ -26,8 +24,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import Reconstruction
-from survey.scoring import Checkpoints, compare, score_at
+from survey.scoring import Checkpoints, CheckpointScore
 from survey.scoring.standards.certificate import own_claim
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
@@ -182,12 +179,11 @@ def measured_map(
     area.write(folder / "area.gpkg")
     options = _options(area, points, prior, folder)
     progress("mapping the points", 1, steps)
-    made = map_points(map_request(options))
-    write_map(made, options.out, rays=False, max_slope_deg=None)
+    made = reconstruct(options).write()
     progress("drawing the map", steps - 1, steps)
     sentences, commands = own_claim(made.reconstruction), [_command(options)]
     if checkpoints is not None:
-        sentences += _judged(made.reconstruction, checkpoints, area)
+        sentences += _judged(options.out / "dem.tif", checkpoints, folder / "area.gpkg")
         commands.append(_score_command(checkpoints))
     return {
         "sentences": sentences,
@@ -197,9 +193,9 @@ def measured_map(
     }
 
 
-def _options(area: SurveyArea, points: Path, prior: Path, folder: Path) -> ReconstructOptions:
+def _options(area: SurveyArea, points: Path, prior: Path, folder: Path) -> ReconstructRequest:
     xmin, ymin, xmax, ymax = area.bounds
-    return ReconstructOptions(
+    return ReconstructRequest(
         sources=[points],
         prior=prior,
         step_m=round_number(max(xmax - xmin, ymax - ymin) / _NODES_ALONG),
@@ -207,21 +203,21 @@ def _options(area: SurveyArea, points: Path, prior: Path, folder: Path) -> Recon
         crs=area.crs.to_string(),
         sigma_m=SIGMA_M,
         out=folder / "map",
-        quiet=True,
+        force=True,
     )
 
 
-def _judged(map_: Reconstruction, checkpoints: Path, area: SurveyArea) -> list[str]:
-    """Return in sentences how the map errs at checkpoints."""
-    errors = compare(map_.mean, read_checkpoints(checkpoints, map_.mean.crs), area)
-    judged = score_at(errors, (_STANDARD,))
+def _judged(map_file: Path, checkpoints: Path, area: Path) -> list[str]:
+    """Return in sentences how the map errs at checkpoints, as ``firnline score`` judges it."""
+    request = ScoreRequest(source=map_file, checkpoints=checkpoints, area=area, sigma_m=SIGMA_M)
+    judged = cast(CheckpointScore, score(request).judged)
     low, high = judged.interval.low_m, judged.interval.high_m
     facts = judged.to_dict()["elevation"]
     first = f"At {facts['n']} checkpoints the map has an RMSE of {facts['rmse_m']:.3f} m ({low:.3f} to {high:.3f} m with 95 %)."
     return [first, *(finding.sentence for finding in judged.assessments)]
 
 
-def _command(options: ReconstructOptions) -> str:
+def _command(options: ReconstructRequest) -> str:
     words = ["firnline", "reconstruct", options.sources[0].name, "--prior", str(options.prior)]
     words += ["--area", "area.gpkg", "--grid", f"{options.step_m:g}", "--crs", str(options.crs)]
     return shlex.join([*words, "--sigma", f"{options.sigma_m:g}", "-o", "map"])
@@ -268,9 +264,8 @@ def proposed_swath(
     InputError
         Too few samples, a route of several rovers, or an area that no swath meets.
     """
-    config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
-    advice = next_swath(area, driven, points.xy, points.xyz[:, 2], config)
-    limit = f"{config.limit_m:.4g} m with {config.probability:.0%}"
+    advice = swath_advice(area, prior, driven, points, requirement)
+    limit = f"{requirement.limit_m:.4g} m with {requirement.probability:.0%}"
     found: dict[str, Any] = {"holds": advice.holds, "lines": []}
     if not advice.holds:
         sentence = f"No further swaths would reach {limit}; the densest survey is predicted to err {advice.predicted.rmse_m:.3g} m."

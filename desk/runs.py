@@ -10,7 +10,7 @@ from pyproj import CRS
 
 from desk.terrain.shading import DEVIATION, ELEVATION, ERROR, SUPPORT
 from desk.terrain.tiles import picture
-from firnline.actions.missions import best_class
+from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from survey.core.config import read_toml
 from survey.core.crs.agreement import same_crs

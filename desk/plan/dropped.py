@@ -73,7 +73,7 @@ def _shapes(file: Path, crs: CRS) -> dict[str, Any]:
 
 
 def _raster(file: Path, crs: CRS) -> dict[str, Any]:
-    from firnline.actions.files import own_crs
+    from firnline.actions.interface import own_crs
     from survey.core.crs.agreement import same_crs
 
     stated = own_crs(file)

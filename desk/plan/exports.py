@@ -17,7 +17,8 @@ import tomlkit
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
 from desk.plan.request import request_of
-from firnline.actions.files import read_about
+from firnline.actions.exporting import knows_heights, write_route
+from firnline.actions.interface import read_about
 from firnline.actions.plan_request import write_plan as write_outputs
 from sim.config.mission import MissionConfig
 from survey.core.arrays import FloatArray
@@ -28,7 +29,6 @@ from survey.core.files.writing import replacing
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.interchange.route_formats import write_plan
 from survey.interchange.surroundings import Surroundings
 from survey.io.degrees import WGS84, require_transformation
 from survey.io.vector import write_features
@@ -269,7 +269,8 @@ class PlanExport(NamedTuple):
         elif kind == "mission.zip":
             write_mission(self.live, self.document, self.name, folder)
         else:
-            _write_for_others(plan.route, place, Surroundings(plan.area, _terrain(plan.route, self.terrain)))
+            around = Surroundings(plan.area, _terrain(plan.route, self.terrain))
+            write_route(plan.route, around, place)
 
     def _write_sigma(self, file: Path) -> None:
         drawing = self.live.plan.drawing
@@ -280,21 +281,12 @@ class PlanExport(NamedTuple):
         std.write(file, "sigma_m")
 
 
-def _write_for_others(route: Route, file: Path, around: Surroundings) -> None:
-    """Write one file, or a mission for each rover."""
-    if route.n_rovers == 1 or file.suffix not in _MISSIONS:
-        write_plan(route, file, around=around)
-        return
-    for rover in range(route.n_rovers):
-        write_plan(route, file.with_stem(f"{file.stem}_rover{rover + 1}"), rover=rover, around=around)
-
-
 def _terrain(route: Route, terrain: Path) -> Dem | None:
     """Return the prior along the route; None where it does not know the height of every waypoint."""
     places = np.vstack([leg.xy for leg in route.legs])
     bounds = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
     prior = read_about(terrain, bounds, route.crs, "the prior")
-    return prior if np.isfinite(prior.at(places)).all() else None
+    return prior if knows_heights(prior, route) else None
 
 
 def _packed(folder: Path, files: Sequence[Path]) -> bytes:

@@ -11,7 +11,7 @@ from pyproj import CRS
 import planners
 from desk.plan.document import PlanDocument
 from desk.plan.request import request_of
-from firnline.actions.files import read_about
+from firnline.actions.interface import read_about
 from firnline.actions.planning import AreaPlan, area_plan, checked_options, prior_kernel
 from planners.driving.rover import Crew, homes_of
 from survey.core.arrays import Bounds

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from desk.plan.document import PlanDocument, Setting
-from firnline.actions.plan_request import PlanOptions, PlanRequest
+from firnline.actions.plan_request import PlanRequest
 from planners.driving.rover import Fleet, Rover
 from planners.guarantee.posterior.surfaces import SURFACE_NAMES
 from planners.registry import PLANNERS
@@ -163,8 +163,8 @@ def _requirement_fields() -> list[dict[str, Any]]:
         "assume": ["squared-exponential", "matern-5/2", "matern-3/2", "whittle"],
     }
     kinds = {"max_swaths": "integer", "require": "text", "surface": "choice", "assume": "choice"}
-    stated = {field.name: field.default for field in dataclass_fields(PlanOptions)}
-    hints = get_type_hints(PlanOptions, include_extras=True)
+    stated = {field.name: field.default for field in dataclass_fields(PlanRequest)}
+    hints = get_type_hints(PlanRequest, include_extras=True)
     return [
         {
             "name": name,

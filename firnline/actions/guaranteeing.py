@@ -1,24 +1,22 @@
 """Plans that guarantee a map class: before the survey, with the errors that the path shares, or swath by swath."""
 
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import typer
-
-from firnline.actions.interface import fact_line
-from firnline.actions.plan_request import PlanDrawing, PlanRequest, write_plan
-from firnline.cli.outcome import NOT_MET
-from sim.config.mission import MissionConfig
+from firnline.actions.interface import NotMetError, Progress, Result, fact_line, no_progress
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
 from survey.core.quantity_text import length_text
 
 if TYPE_CHECKING:
     import survey
+    from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.adaptive_state import AdaptiveConfig
     from planners.guarantee.posterior.surfaces import Surface
     from planners.guarantee.requirement import MapRequirement
     from planners.guarantee.result import Guarantee
+    from sim.config.mission import MissionConfig
     from sim.mission.foresight import PredictedSurvey
     from survey.reconstruction.gp.covariance.kernels import Kernel
 
@@ -68,17 +66,14 @@ def prior_of(request: PlanRequest) -> "tuple[survey.SurveyArea, survey.Dem]":
 
 
 def found_guarantee(
-    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement", *, quiet: bool
+    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement", progress: Progress
 ) -> "Guarantee":
-    """Return the guarantee; end with exit code 5 and one sentence where it does not hold."""
-    from firnline.cli.progress import counted
+    """Return the guarantee; refuse with one sentence where it does not hold."""
     from planners.guarantee.guarantee import guarantee
 
-    with counted(quiet=quiet) as progress:
-        made = guarantee(area, prior, requirement, progress=progress)
+    made = guarantee(area, prior, requirement, progress=progress)
     if not made.holds:
-        typer.echo(f"firnline: {refusal_text(made)}", err=True)
-        raise typer.Exit(NOT_MET)
+        raise NotMetError(refusal_text(made))
     return made
 
 
@@ -120,75 +115,86 @@ def _shares(made: "Guarantee") -> str:
     return ", ".join(f"{name} {made.simulated.share(limit_m, name):.0%}" for name in names)
 
 
-def plan_guaranteed(request: PlanRequest) -> None:
-    """Write the shortest route that guarantees the class, and print what it rests on."""
+@dataclass(frozen=True, kw_only=True)
+class GuaranteedPlan(PlanResult):
+    """Shortest route that guarantees a class.
+
+    Parameters
+    ----------
+    guarantee : Guarantee
+        The guarantee, and what it rests on.
+    """
+
+    guarantee: "Guarantee"
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, pattern, probabilities and assumptions."""
+        from planners.swaths.counting import count_lines
+
+        made = self.guarantee
+        limit_m = made.requirement.limit_m
+        return {
+            **self.request.written,
+            "pattern": made.config.pattern,
+            "lines": count_lines(made.route),
+            "swaths": len(made.route.swaths),
+            "length_m": made.length_m,
+            "limit_m": limit_m,
+            "probability": made.predicted.probability,
+            "rmse_m": made.predicted.rmse_m,
+            "likely_rmse_m": made.likely.rmse_m,
+            "likely_swaths": made.likely_swaths,
+            "simulated_share": made.simulated_share,
+            "simulated_bound": made.simulated_bound,
+            "simulated_shares": {
+                name: made.simulated.share(limit_m, name) for name in dict.fromkeys(made.simulated.grounds)
+            },
+            "stakes": None if made.stakes is None else str(made.stakes),
+            "assumed": made.assumptions,
+        } | {
+            name: value
+            for name, value in made.route.prediction.items()
+            if name in ("map_scale", "prior_covered_share")
+        }
+
+    def lines(self) -> list[str]:
+        """Return the pattern and the guarantee, and what it rests on."""
+        from planners.swaths.counting import swaths_text
+        from survey.core.quantity_text import length_text
+
+        made = self.guarantee
+        requirement = made.requirement
+        facts = {
+            "assumed": made.assumptions,
+            "predicted": f"RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%}; in "
+            f"{made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
+            f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least",
+        }
+        if made.is_contradicted:
+            facts["but"] = contradiction_text(made)
+        if made.likely_swaths < (made.config.swaths or 0):
+            facts["likeliest ground"] = (
+                f"RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are enough; --adaptive finds out"
+            )
+        if made.stakes is not None:
+            facts["or"] = str(made.stakes)
+        facts["not included"] = "errors of position that grow along the path (--joint predicts them)"
+        facts["written to"] = self.request.written_text
+        first = (
+            f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
+            f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
+        )
+        return [first, *(fact_line(name, text) for name, text in facts.items())]
+
+
+def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> GuaranteedPlan:
+    """Plan the shortest route that guarantees the class."""
     requirement = requirement_of(request)
     area, prior = prior_of(request)
-    made = found_guarantee(area, prior, requirement, quiet=request.quiet)
+    made = found_guarantee(area, prior, requirement, progress)
     best = made.posterior.likeliest
-    write_plan(request, made.route, drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m))
-    if request.as_json:
-        typer.echo(json.dumps(_facts(request, made), indent=2))
-    else:
-        _print_guarantee(request, made)
-
-
-def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
-    from planners.swaths.counting import count_lines
-
-    return {
-        **request.written,
-        "pattern": made.config.pattern,
-        "lines": count_lines(made.route),
-        "swaths": len(made.route.swaths),
-        "length_m": made.length_m,
-        "limit_m": made.requirement.limit_m,
-        "probability": made.predicted.probability,
-        "rmse_m": made.predicted.rmse_m,
-        "likely_rmse_m": made.likely.rmse_m,
-        "likely_swaths": made.likely_swaths,
-        "simulated_share": made.simulated_share,
-        "simulated_bound": made.simulated_bound,
-        "simulated_shares": {
-            name: made.simulated.share(made.requirement.limit_m, name)
-            for name in dict.fromkeys(made.simulated.grounds)
-        },
-        "stakes": None if made.stakes is None else str(made.stakes),
-        "assumed": made.assumptions,
-    } | {
-        name: value
-        for name, value in made.route.prediction.items()
-        if name in ("map_scale", "prior_covered_share")
-    }
-
-
-def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
-    from planners.swaths.counting import swaths_text
-    from survey.core.quantity_text import length_text
-
-    requirement = made.requirement
-    typer.echo(
-        f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
-        f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
-    )
-    facts = {
-        "assumed": made.assumptions,
-        "predicted": f"RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%}; in "
-        f"{made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
-        f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least",
-    }
-    if made.is_contradicted:
-        facts["but"] = contradiction_text(made)
-    if made.likely_swaths < (made.config.swaths or 0):
-        facts["likeliest ground"] = (
-            f"RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are enough; --adaptive finds out"
-        )
-    if made.stakes is not None:
-        facts["or"] = str(made.stakes)
-    facts["not included"] = "errors of position that grow along the path (--joint predicts them)"
-    facts["written to"] = request.written_text
-    for name, text in facts.items():
-        typer.echo(fact_line(name, text))
+    drawing = drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m)
+    return GuaranteedPlan(request=request, route=made.route, drawing=drawing, guarantee=made)
 
 
 def drawing_of(
@@ -209,28 +215,90 @@ _ROUGHER = (
 )
 
 
-def print_options_of(mission: MissionConfig, limit_m: float, probability: float, *, as_json: bool) -> None:
-    """Print the surveys that meet the class, the one with the least to drive first; exit code 5 where none does."""
+@dataclass(frozen=True)
+class SurveyOptions(Result):
+    """Surveys that meet a class, by numbers of swaths and stakes.
+
+    Parameters
+    ----------
+    best : PredictedSurvey
+        The one with the least to drive.
+    options : list of PredictedSurvey
+        All that meet it.
+    limit_m : float
+        Largest RMSE [m].
+    """
+
+    best: "PredictedSurvey"
+    options: list["PredictedSurvey"]
+    limit_m: float
+
+    def facts(self) -> dict[str, Any]:
+        """Return the limit and the surveys."""
+        return {"limit_m": self.limit_m, "ways": [way._asdict() for way in self.options]}
+
+    def survey_lines(self) -> list[str]:
+        """Return the surveys, the one with the least to drive first."""
+        others = [fact_line("or", way) for way in self.options if way != self.best]
+        return [f"least to drive: {self.best}", *others]
+
+    def lines(self) -> list[str]:
+        """Return the surveys, and what their prediction does not include."""
+        return [*self.survey_lines(), fact_line("not included", _ROUGHER)]
+
+
+def survey_options(mission: "MissionConfig", limit_m: float, probability: float) -> SurveyOptions:
+    """Return the surveys with which the map of a mission meets a class.
+
+    Raises
+    ------
+    NotMetError
+        There is none.
+    """
     from sim.mission.capacity import require_mission
     from sim.mission.foresight import surveys_within
 
     world = require_mission(mission)
     options = list(surveys_within(mission, world, limit_m=limit_m, probability=probability))
-    best = _cheapest_of(options, limit_m, probability)
-    if as_json:
-        typer.echo(json.dumps({"limit_m": limit_m, "ways": [way._asdict() for way in options]}, indent=2))
-        return
-    _print_options(best, options)
-    typer.echo(fact_line("not included", _ROUGHER))
+    return SurveyOptions(_cheapest_of(options, limit_m, probability), options, limit_m)
 
 
-def plan_joint(request: PlanRequest) -> None:
-    """Write the route with the least to drive that meets the class with the errors that its path shares.
+@dataclass(frozen=True, kw_only=True)
+class JointPlan(PlanResult):
+    """Route with the least to drive that meets a class with the errors that its path shares.
+
+    Parameters
+    ----------
+    surveys : SurveyOptions
+        Surveys that meet the class.
+    assumed : str
+        What the guarantee assumes.
+    """
+
+    surveys: SurveyOptions
+    assumed: str
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, limit and surveys."""
+        return {**self.request.written, **self.surveys.facts()}
+
+    def lines(self) -> list[str]:
+        """Return the surveys, and what they rest on."""
+        return [
+            *self.surveys.survey_lines(),
+            fact_line("assumed", self.assumed),
+            fact_line("written to", self.request.written_text),
+        ]
+
+
+def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointPlan:
+    """Plan the route with the least to drive that meets the class with the errors that its path shares.
 
     No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
     between the cells of the prior to be smooth.
     """
     import planners
+    from sim.config.mission import MissionConfig
     from sim.mission.foresight import surveys_within
     from sim.world.site import World
     from survey.core.config import validated, with_overrides
@@ -239,7 +307,7 @@ def plan_joint(request: PlanRequest) -> None:
         MissionConfig, with_overrides(_mission_values(request), request.settings), "the options"
     )
     area, prior = prior_of(request)
-    made = found_guarantee(area, prior, requirement_of(request), quiet=request.quiet)
+    made = found_guarantee(area, prior, requirement_of(request), progress)
     mission = stated.model_copy(update={"planner": made.config})
     limit_m, least = made.requirement.limit_m, made.config.swaths or 1
     found = surveys_within(
@@ -252,18 +320,14 @@ def plan_joint(request: PlanRequest) -> None:
     )
     options = list(found)
     best = _cheapest_of(options, limit_m, request.probability, least + _MOST_FURTHER)
-    route = planners.plan(
-        area, prior, made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
+    config = made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
+    return JointPlan(
+        request=request,
+        route=planners.plan(area, prior, config),
+        drawing=drawing_of(area, prior),
+        surveys=SurveyOptions(best, options, limit_m),
+        assumed=f"{made.assumptions}; without errors of position {least} swaths are enough",
     )
-    write_plan(request, route, drawing_of(area, prior))
-    if request.as_json:
-        facts = {**request.written, "limit_m": limit_m}
-        typer.echo(json.dumps(facts | {"ways": [way._asdict() for way in options]}, indent=2))
-        return
-    _print_options(best, options)
-    assumed = f"{made.assumptions}; without errors of position {least} swaths are enough"
-    typer.echo(fact_line("assumed", assumed))
-    typer.echo(fact_line("written to", request.written_text))
 
 
 def _mission_values(request: PlanRequest) -> dict[str, object]:
@@ -281,25 +345,16 @@ def _mission_values(request: PlanRequest) -> dict[str, object]:
 def _cheapest_of(
     options: list["PredictedSurvey"], limit_m: float, probability: float, most_swaths: int = 8
 ) -> "PredictedSurvey":
-    """Return the survey with the least to drive; end with exit code 5 where there is none."""
+    """Return the survey with the least to drive; refuse where there is none."""
     from sim.mission.foresight import cheapest
 
     best = cheapest(options)
     if best is None:
-        typer.echo(
-            f"firnline: no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
-            f"with {probability:.0%}; ask for a larger error, or for better sensors.",
-            err=True,
+        raise NotMetError(
+            f"no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
+            f"with {probability:.0%}; ask for a larger error, or for better sensors."
         )
-        raise typer.Exit(NOT_MET)
     return best
-
-
-def _print_options(best: "PredictedSurvey", options: list["PredictedSurvey"]) -> None:
-    typer.echo(f"least to drive: {best}")
-    for way in options:
-        if way != best:
-            typer.echo(fact_line("or", way))
 
 
 _TEXTS: dict[str, Callable[[Any], str]] = {
@@ -310,76 +365,103 @@ _TEXTS: dict[str, Callable[[Any], str]] = {
 """Facts that people read in other units than machines."""
 
 
-def plan_adaptive(request: PlanRequest) -> None:
+@dataclass(frozen=True, kw_only=True)
+class AdaptivePlan(PlanResult):
+    """First swaths of a survey, or the next one; without a route the guarantee holds already.
+
+    Parameters
+    ----------
+    stated : mapping of str to object
+        What is known of them.
+    """
+
+    stated: Mapping[str, Any]
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, length and what is known."""
+        if self.route is None:
+            return dict(self.stated)
+        return {**self.request.written, "length_m": self.route.ground_length_m, **self.stated}
+
+    def lines(self) -> list[str]:
+        """Return the facts with their units."""
+        return [
+            fact_line(name.removesuffix("_m").replace("rmse", "predicted RMSE"), _TEXTS.get(name, str)(value))
+            for name, value in self.facts().items()
+        ]
+
+
+def plan_adaptive(request: PlanRequest, progress: Progress = no_progress) -> AdaptivePlan:
     """Plan the first swaths, or the next one after what was driven and measured."""
-    from planners.ground.transit import FreeGround
-    from planners.guarantee.adaptive_state import AdaptiveConfig
-    from planners.swaths.heading import across_marked_grain
     from survey.core.errors import ConfigError
 
+    del progress
     if (request.driven is None) != (request.measured is None):
         raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
     if request.assume is not None:
         raise ConfigError("--adaptive fits the covariance to the survey; leave out --assume.")
     requirement = requirement_of(request)
     area, prior = prior_of(request)
-    config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
     if request.driven is not None and request.measured is not None:
-        _plan_next(request, request.driven, request.measured, area, prior, config)
-    else:
-        _plan_first(request, area, prior, config)
+        return _plan_next(request, request.driven, request.measured, area, prior)
+    return _plan_first(request, area, prior, requirement)
+
+
+def swath_advice(
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    driven: "survey.Route",
+    points: "survey.SurfacePoints",
+    requirement: "MapRequirement",
+) -> "AdaptiveSurvey":
+    """Return the swath to drive next after what was driven and measured, or that none is needed or none would help."""
+    from planners.guarantee.adaptive import next_swath
+
+    config = _adaptive_config(area, prior, requirement)
+    return next_swath(area, driven, points.xy, points.xyz[:, 2], config)
+
+
+def _adaptive_config(
+    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
+) -> "AdaptiveConfig":
+    """Return the settings of a survey swath by swath, across the grain of the terrain."""
+    from planners.ground.transit import FreeGround
+    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.swaths.heading import across_marked_grain
+
+    return AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
 
 
 def _plan_first(
-    request: PlanRequest, area: "survey.SurveyArea", prior: "survey.Dem", config: "AdaptiveConfig"
-) -> None:
-    """Write the first swaths."""
+    request: PlanRequest, area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
+) -> AdaptivePlan:
+    """Plan the first swaths."""
     from planners.guarantee.adaptive import first_swaths
     from planners.guarantee.guarantee import posterior_of
 
-    route = first_swaths(area, posterior_of(area, prior, requirement_of(request)), config)
-    write_plan(request, route, drawing_of(area, prior))
+    config = _adaptive_config(area, prior, requirement)
+    route = first_swaths(area, posterior_of(area, prior, requirement), config)
     step = "drive and measure them, then run this again with --driven and --measured"
-    _print_facts(_route_facts(request, route) | {"swaths": len(route.swaths), "next": step}, request)
+    stated = {"swaths": len(route.swaths), "next": step}
+    return AdaptivePlan(request=request, route=route, drawing=drawing_of(area, prior), stated=stated)
 
 
 def _plan_next(
-    request: PlanRequest,
-    driven: Path,
-    measured: Path,
-    area: "survey.SurveyArea",
-    prior: "survey.Dem",
-    config: "AdaptiveConfig",
-) -> None:
-    """Write the next swath, say that none is needed, or end with exit code 5 where none would help."""
-    from planners.guarantee.adaptive import next_swath
+    request: PlanRequest, driven: Path, measured: Path, area: "survey.SurveyArea", prior: "survey.Dem"
+) -> AdaptivePlan:
+    """Plan the next swath, find that none is needed, or refuse where none would help."""
     from survey import Route, SurfacePoints
 
     points = SurfacePoints.read(measured, crs=area.crs.to_wkt())
-    advice = next_swath(area, Route.read(driven), points.xy, points.xyz[:, 2], config)
+    requirement = requirement_of(request)
+    advice = swath_advice(area, prior, Route.read(driven), points, requirement)
     if not advice.holds:
-        typer.echo(
-            f"firnline: no further swaths would reach {config.limit_m:.4g} m with {config.probability:.0%}; "
-            f"the densest survey is predicted to err {advice.predicted.rmse_m:.3g} m.",
-            err=True,
+        raise NotMetError(
+            f"no further swaths would reach {requirement.limit_m:.4g} m with {requirement.probability:.0%}; "
+            f"the densest survey is predicted to err {advice.predicted.rmse_m:.3g} m."
         )
-        raise typer.Exit(NOT_MET)
-    facts = {"probability": advice.predicted.probability, "rmse_m": advice.predicted.rmse_m}
+    predicted = advice.predicted
+    stated: dict[str, Any] = {"probability": predicted.probability, "rmse_m": predicted.rmse_m}
     if advice.route is None:
-        _print_facts({"done": "the guarantee holds, no more driving is needed", **facts}, request)
-        return
-    write_plan(request, advice.route, drawing_of(area, prior))
-    _print_facts(_route_facts(request, advice.route) | facts, request)
-
-
-def _route_facts(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
-    return {**request.written, "length_m": route.ground_length_m}
-
-
-def _print_facts(facts: dict[str, Any], request: PlanRequest) -> None:
-    if request.as_json:
-        typer.echo(json.dumps(facts, indent=2))
-        return
-    for name, value in facts.items():
-        text = _TEXTS.get(name, str)(value)
-        typer.echo(fact_line(name.removesuffix("_m").replace("rmse", "predicted RMSE"), text))
+        stated = {"done": "the guarantee holds, no more driving is needed", **stated}
+    return AdaptivePlan(request=request, route=advice.route, drawing=drawing_of(area, prior), stated=stated)

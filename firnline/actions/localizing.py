@@ -1,15 +1,30 @@
-"""Estimate path and landmarks from a recording."""
+"""Estimate path and landmarks from a recording, and calibrate the camera."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from firnline.actions.interface import DryRun, Json, Quiet, columns_option, epoch_option, needs_live_extra
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    Preview,
+    Progress,
+    Result,
+    fact_line,
+    figure_lines,
+    needs_live_extra,
+    no_progress,
+    refuse_existing,
+)
+from firnline.actions.requests import columns_option, epoch_option
 
 if TYPE_CHECKING:
     from survey.data.ice.motion import IceMotion
+    from vision_slam.calibration.boards import Board
+    from vision_slam.calibration.calibrate import CameraCalibration
+    from vision_slam.comparison import Comparison
+    from vision_slam.drive_estimate import DriveEstimate
     from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -18,24 +33,24 @@ _ICE = "ice."
 
 @dataclass(frozen=True, kw_only=True)
 class LocalizeRequest:
-    """Options of the command; None stands for an option that was not given."""
+    """Recording to localize; None stands for an option that was not given."""
 
     source: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             help="Recording, ROS bag, folder in KITTI, TUM, EuRoC layout or of images with times, or log of an autopilot "
             "(ArduPilot .bin .tlog, PX4 .ulg)."
         ),
     ]
     camera: Annotated[
-        Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+        Path | None, Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
     ] = None
     topics: Annotated[
-        list[str], typer.Option("--topic", help="Topic of a bag, where it has several of a kind.")
+        list[str], Option("--topic", help="Topic of a bag, where it has several of a kind.")
     ] = field(default_factory=list)
     gps: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--gps",
             help="Fixes recorded beside the images: NMEA, u-blox .ubx, GnssLogger .txt, RTKLIB .pos, .gpx or .csv.",
         ),
@@ -48,7 +63,7 @@ class LocalizeRequest:
     ] = field(default_factory=list)
     frame_rate_hz: Annotated[
         float | None,
-        typer.Option(
+        Option(
             "--frame-rate",
             min=1e-3,
             help="Images per second, where neither names nor files state times [Hz].",
@@ -56,19 +71,15 @@ class LocalizeRequest:
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option(
-            "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
-        ),
+        Option("--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."),
     ] = None
     gps_shift_s: Annotated[
         float,
-        typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+        Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
     ] = 0.0
     scale_from_m: Annotated[
         float | None,
-        typer.Option(
-            "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
-        ),
+        Option("--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."),
     ] = None
     epoch_s: Annotated[
         float | None,
@@ -80,17 +91,17 @@ class LocalizeRequest:
     ] = None
     reference: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--reference",
             help="Reference path to compare with (.tum, .csv, KITTI poses, or fixes as --gps takes them); the estimator does not use it.",
         ),
     ] = None
     viewer: Annotated[
-        Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
+        Path | None, Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
     ] = None
     settings: Annotated[
         list[str],
-        typer.Option(
+        Option(
             "--set",
             metavar="KEY=VALUE",
             help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
@@ -98,18 +109,15 @@ class LocalizeRequest:
     ] = field(default_factory=list)
     lens: Annotated[
         Literal["auto", "given", "refine"],
-        typer.Option(
+        Option(
             "--lens",
             help="Estimate radial distortion and focal length from the images, or use them as given; auto estimates them where the calibration states no distortion.",
         ),
     ] = "auto"
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
-    ] = Path("localization")
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing localization.")] = False
-    dry_run: DryRun = False
-    as_json: Json = False
-    quiet: Quiet = False
+    out: Annotated[Path, Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")] = (
+        Path("localization")
+    )
+    force: Annotated[bool, Option("--force", help="Replace an existing localization.")] = False
 
     @property
     def overrides(self) -> list[str]:
@@ -147,7 +155,6 @@ class LocalizeRequest:
 
     def check_outputs(self) -> None:
         """Refuse outputs that exist or are inputs, and a viewer's file that cannot be written."""
-        from firnline.actions.files import refuse_existing
         from vision_slam.results import OWN_FILES
 
         inputs = (self.source, self.camera, self.gps, self.reference)
@@ -197,6 +204,186 @@ class LocalizeRequest:
             )
 
 
+@dataclass(frozen=True, kw_only=True)
+class LocalizationResult(Result):
+    """Path and landmarks of a drive.
+
+    Parameters
+    ----------
+    request : LocalizeRequest
+        What was asked for.
+    drive : RecordedDrive
+        The recording.
+    estimate : DriveEstimate
+        Path and landmarks.
+    comparison : Comparison, optional
+        Comparison with the reference.
+    seconds : float
+        Time that the estimate took [s].
+    """
+
+    request: LocalizeRequest
+    drive: "RecordedDrive"
+    estimate: "DriveEstimate"
+    comparison: "Comparison | None"
+    seconds: float
+
+    def write(self, out: Path | None = None) -> "LocalizationResult":
+        """Write files and pictures, and the file of rerun's viewer where it is asked for.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            The folder; that of the request by default.
+
+        Returns
+        -------
+        LocalizationResult
+            The result at its place.
+        """
+        from survey.core.files.replacing import replacing_folder
+        from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
+
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        drive, estimate = self.drive, self.estimate
+        with replacing_folder(placed.request.out, own=OWN_FILES) as folder:
+            write_localization(folder, estimate)
+            write_pictures(folder, pictures_of(estimate, drive.records, drive.gps, self.comparison))
+        if self.request.viewer is not None:
+            from vision_slam.viewer import write_rrd
+
+            write_rrd(self.request.viewer, estimate, drive.records)
+        return placed
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the reader and the estimator did or assumed."""
+        return (*self.drive.notes, *self.estimate.notes)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the figures of path, landmarks and comparison."""
+        stated = {"notes": "; ".join(self.remarks)} if self.remarks else {}
+        return self._figures | stated
+
+    @property
+    def _figures(self) -> dict[str, Any]:
+        return _summary(self.estimate, self.comparison, self.seconds)
+
+    def lines(self) -> list[str]:
+        """Return the figures, notes, pictures, and the next step."""
+        out = self.request.out
+        if (out / "landmarks.gpkg").exists():
+            step = f"firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif"
+        elif (out / "track.gpkg").exists():
+            step = "correct calibration or times as the notes name them, and localize again"
+        else:
+            step = "name fixes with --gps for a path in a CRS, or wheels.csv for metres"
+        return [
+            f"written to {out}",
+            *figure_lines(self._figures),
+            *(fact_line("note", note) for note in self.remarks),
+            fact_line("pictures", ", ".join(str(file) for file in sorted(out.glob("*.png")))),
+            fact_line("next", step),
+        ]
+
+
+def localize(request: LocalizeRequest, progress: Progress = no_progress) -> LocalizationResult:
+    """Estimate the path of a rover and its landmarks from a recording.
+
+    Parameters
+    ----------
+    request : LocalizeRequest
+        Recording, calibration, fixes and settings.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    LocalizationResult
+        Path and landmarks; `LocalizationResult.write` writes them.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used, or an output that exists.
+    ConfigError
+        A setting that is unknown or wrong.
+    """
+    drive, motion, judge = _opened(request)
+    config, visual_config = drive.config(request.overrides), drive.visual_config(request.overrides)
+    began = perf_counter()
+    estimate = drive.localize(config, progress, visual_config=visual_config, motion=motion)
+    seconds = perf_counter() - began
+    return LocalizationResult(
+        request=request,
+        drive=drive,
+        estimate=estimate,
+        comparison=drive.compare(estimate, judge),
+        seconds=seconds,
+    )
+
+
+def preview_localization(request: LocalizeRequest) -> Preview:
+    """Read a recording and check the settings, and return what was read."""
+    drive, _, _ = _opened(request)
+    drive.config(request.overrides)
+    drive.visual_config(request.overrides)
+    facts: dict[str, object] = {
+        "images": 0 if drive.frames is None else len(drive.frames.time_s),
+        "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
+    }
+    notes = {f"note {k}": note for k, note in enumerate(drive.notes, start=1)}
+    return Preview.of([request.out], facts | notes)
+
+
+def _opened(request: LocalizeRequest) -> "tuple[RecordedDrive, IceMotion | None, Any]":
+    """Return the recording, the prior of the motion of the ice, and the reference."""
+    request.check_outputs()
+    drive = request.open()
+    motion = request.prior_motion(drive)
+    return drive, motion, None if request.reference is None else drive.read_reference(request.reference)
+
+
+def _summary(estimate: "DriveEstimate", comparison: "Comparison | None", seconds: float) -> dict[str, Any]:
+    """Return the figures that the command prints."""
+    import numpy as np
+
+    summary: dict[str, Any] = {
+        "poses": len(estimate.time_s),
+        "length_m": estimate.length_m,
+        "landmarks": len(estimate.landmarks),
+    }
+    visual = estimate.visual_odometry
+    if visual is not None:
+        n_blind = sum(not frame.is_visual for frame in visual.health[1:])
+        summary |= {"frames_without_vision": n_blind, "frames_lost": int(visual.is_lost.sum())}
+        summary["frames_per_s"] = len(visual.health) / max(seconds, 1e-9)
+    if estimate.covariance is not None:
+        summary["end_sigma_m"] = float(np.sqrt(np.linalg.eigvalsh(estimate.covariance[-1, :2, :2])[-1]))
+    if estimate.is_lost is not None:
+        summary["poses_lost"] = int(estimate.is_lost.sum())
+    if estimate.trajectory is not None:
+        summary |= {"fixes": estimate.n_fixes, "fixes_refused": estimate.n_fixes_refused}
+    if estimate.ice_motion is not None:
+        summary |= _motion_figures(estimate.ice_motion)
+    if comparison is not None:
+        summary |= comparison.figures
+    return summary
+
+
+def _motion_figures(motion: "IceMotion") -> dict[str, float]:
+    """Return speed and lowering where changes of velocity count from, with their standard deviations."""
+    import numpy as np
+
+    (east, north, rise), sigma = (one(motion.origin_m[None])[0] for one in (motion.rates, motion.rates_sigma))
+    return {
+        "ice_speed_m_per_day": float(np.hypot(east, north)),
+        "ice_speed_sigma_m_per_day": float(sigma[:2].max()),
+        "ice_lowering_m_per_day": float(-rise),
+        "ice_lowering_sigma_m_per_day": float(sigma[2]),
+    }
+
+
 LOG_ENDINGS = (".bin", ".tlog", ".ulg")
 
 
@@ -221,3 +408,179 @@ def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
         from live.logs.autopilot_log import read_autopilot_log
 
         return RecordedDrive(*read_autopilot_log(source, crs))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateRequest:
+    """Images of a board from which a camera is calibrated."""
+
+    images: Annotated[Path, Argument(help="Folder of images of the board, all of one size.")]
+    board: Annotated[
+        str | None, Option("--board", metavar="9x6", help="Inner corners of the chessboard, e.g. 9x6.")
+    ] = None
+    charuco: Annotated[
+        str | None, Option("--charuco", metavar="8x5", help="ChArUco board of so many squares.")
+    ] = None
+    square_mm: Annotated[float, Option("--square-mm", min=0.1, help="Side of a square [mm].")] = 25.0
+    marker_mm: Annotated[
+        float | None, Option("--marker-mm", min=0.1, help="Side of a marker of a ChArUco board [mm].")
+    ] = None
+    dictionary: Annotated[str, Option("--dictionary", help="OpenCV's dictionary of a ChArUco board.")] = (
+        "4X4_50"
+    )
+    model: Annotated[
+        Literal["pinhole", "fisheye"],
+        Option("--model", help="Lens model; fisheye for angles of view above about 120°."),
+    ] = "pinhole"
+    out: Annotated[
+        Path,
+        Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it."),
+    ] = Path("camera.toml")
+    force: Annotated[bool, Option("--force", help="Replace an existing calibration.")] = False
+
+    @property
+    def picture(self) -> Path:
+        """Picture of the residuals."""
+        return self.out.with_suffix(".png")
+
+    def named_board(self) -> "Board":
+        """Return the board that the options name.
+
+        Raises
+        ------
+        ConfigError
+            No board, two boards, or a board without its sizes.
+        """
+        from survey.core.errors import ConfigError
+        from vision_slam.calibration.boards import CharucoBoard, Chessboard
+
+        board, charuco, marker_mm = self.board, self.charuco, self.marker_mm
+        if (board is None) == (charuco is None):
+            raise ConfigError(
+                "one board was expected; name --board 9x6 (inner corners) or --charuco 8x5 (squares)."
+            )
+        if board is not None:
+            if marker_mm is not None:
+                raise ConfigError("a chessboard has no markers; leave --marker-mm out, or name --charuco.")
+            return Chessboard(*_counts(board, "--board"), 1e-3 * self.square_mm)
+        if marker_mm is None:
+            raise ConfigError("a ChArUco board has markers; name their side with --marker-mm.")
+        sizes = (1e-3 * self.square_mm, 1e-3 * marker_mm)
+        return CharucoBoard(*_counts(charuco or "", "--charuco"), *sizes, self.dictionary)
+
+
+@dataclass(frozen=True)
+class CalibrationResult(Result):
+    """Lens of a camera.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
+        What was asked for.
+    calibration : CameraCalibration
+        The lens, with the standard deviation of each parameter.
+    """
+
+    request: CalibrateRequest
+    calibration: "CameraCalibration"
+
+    def write(self, out: Path | None = None) -> "CalibrationResult":
+        """Write the calibration, and a picture of the residuals beside it.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            The file; that of the request by default.
+
+        Returns
+        -------
+        CalibrationResult
+            The result at its place.
+        """
+        from survey.core.files.writing import replacing
+        from survey.figures import png_bytes
+        from vision_slam.calibration.plotting import calibration_figure
+
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        self.calibration.write(placed.request.out)
+        with replacing(placed.request.picture) as draft:
+            draft.write_bytes(png_bytes(calibration_figure(self.calibration)))
+        return placed
+
+    def facts(self) -> dict[str, Any]:
+        """Return parameters, residuals and coverage."""
+        return dict(self.calibration.summary)
+
+    def lines(self) -> list[str]:
+        """Return parameters, images, and the next step."""
+        calibration = self.calibration
+        camera, lens_fit = calibration.camera, calibration.fit
+        lens = (
+            f"{camera.width} × {camera.height} pixels, {camera.model}, RMS {lens_fit.rms_px:.3f} pixels, "
+            f"{100.0 * calibration.coverage:.0f} % of the image reached"
+        )
+        lines = [
+            f"written to {self.request.out}, {self.request.picture}",
+            fact_line("lens", lens),
+        ]
+        for name, value, sigma in zip(calibration.names, calibration.values, calibration.sigma, strict=True):
+            digits = 2 if name[0] in "fc" else 5
+            lines.append(fact_line(name, f"{value:.{digits}f} ± {sigma:.{digits}f}"))
+        for file, rms in zip(calibration.accepted, lens_fit.view_rms_px, strict=True):
+            lines.append(fact_line("used", f"{file.name}: {rms:.3f} pixels"))
+        lines += [fact_line("left out", f"{name}: {reason}") for name, reason in calibration.rejected.items()]
+        return [*lines, fact_line("next", f"firnline localize IMAGES --camera {self.request.out}")]
+
+
+def calibrate(request: CalibrateRequest, progress: Progress = no_progress) -> CalibrationResult:
+    """Calibrate a camera from images of a chessboard or a ChArUco board.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
+        Images and board.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    CalibrationResult
+        The lens; `CalibrationResult.write` writes it.
+
+    Raises
+    ------
+    InputError
+        Images that show no board, or an output that exists.
+    ConfigError
+        No board, or one without its sizes.
+    """
+    from vision_slam.calibration.calibrate import calibrate as calibrated
+
+    board = _checked_board(request)
+    return CalibrationResult(
+        request, calibrated(request.images, board, model=request.model, progress=progress)
+    )
+
+
+def preview_calibration(request: CalibrateRequest) -> Preview:
+    """Check the board and count the images."""
+    from vision_slam.io.sequence_files import image_files
+
+    _checked_board(request)
+    return Preview.of([request.out, request.picture], {"images": len(image_files(request.images))})
+
+
+def _checked_board(request: CalibrateRequest) -> "Board":
+    board = request.named_board()
+    refuse_existing([request.out, request.picture], force=request.force, inputs=[request.images])
+    return board
+
+
+def _counts(text: str, option: str) -> tuple[int, int]:
+    """Return the two numbers of a text such as 9x6."""
+    from survey.core.errors import ConfigError
+
+    parts = text.lower().replace("×", "x").split("x")
+    if len(parts) != 2 or not all(part.strip().isdigit() for part in parts):
+        raise ConfigError(f"{option} is {text!r}; two numbers such as 9x6 were expected.")
+    return int(parts[0]), int(parts[1])

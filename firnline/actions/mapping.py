@@ -1,28 +1,38 @@
-"""Map terrain from points, from several drives, or from LiDAR scans.
+"""Map terrain from points, from several drives, or from LiDAR scans; map a quantity that was logged on a drive.
 
 The inputs are read and checked, the map is made, and its folder is written.
 """
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import typer
 from pyproj import CRS
 
 import survey
-from firnline.actions.files import own_crs, read_about
-from firnline.actions.interface import fact_line, figure_lines
-from firnline.actions.mapping_request import MapRequest
-from firnline.cli.progress import counted
+from firnline.actions.interface import (
+    Preview,
+    Progress,
+    Result,
+    fact_line,
+    figure_lines,
+    no_progress,
+    own_crs,
+    read_about,
+    refuse_existing,
+)
+from firnline.actions.mapping_request import MapRequest, map_request
+from firnline.actions.requests import PayloadRequest, ReconstructRequest
 from survey.core.crs.checks import projected_crs
-from survey.core.errors import InputError
+from survey.core.documents import read_json
+from survey.core.errors import ConfigError, InputError
 from survey.core.files.replacing import replacing_folder
 from survey.data.ice.motion import IceMotion
 from survey.data.ice.motion_file import ICE_MOTION, read_motion, write_motion
 from survey.data.sensors.drive_ties import DriveTies
+from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.interchange.scans import SensorPath, read_scans, scan_files
 from survey.interchange.sensor_scans import read_sensor_scans
 from survey.io.text_tables.spellings import parsed_columns
@@ -39,6 +49,7 @@ from survey.reconstruction.mapping import within
 from survey.reconstruction.method import MappedTerrain, ScanSettings
 from survey.reconstruction.motion.epoch import at_epoch, with_age
 from survey.reconstruction.motion.refinement import refined_motion
+from survey.reconstruction.payload.payload_map import map_payload, payload_grid, write_payload
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from survey.reconstruction.scan_map import map_scans
@@ -51,42 +62,142 @@ OWN_FILES = (
     *("corrected_trajectory*.csv", "corrected_trajectory*.error.npz", "*.aux.xml"),
 )
 """Patterns of the files that a reconstruction consists of."""
+PAYLOAD_FILES = ("dem.tif", "support.tif", "reconstruction.json", "*.nc", "*.aux.xml")
+"""Patterns of the files that a map of a payload consists of."""
 _BOUNDING_BOX = "bounding box of the points"
 _MOST_DRAWN_NODES = 4_000_000
 
 
-class MadeMap(NamedTuple):
-    """A map, how it was made, the area that was named, the corrected path of each drive of a joint map, and the ice's motion."""
+@dataclass(frozen=True, kw_only=True)
+class MapResult(Result):
+    """A map from points or scans.
 
+    Parameters
+    ----------
+    request : MapRequest
+        Request that was checked.
+    reconstruction : Reconstruction
+        The map.
+    origin : str
+        How it was made.
+    corrected : sequence of Trajectory
+        Corrected path of each drive of a joint map.
+    motion : IceMotion, optional
+        Motion of the ice after the map.
+    """
+
+    request: MapRequest
     reconstruction: survey.Reconstruction
     origin: str
-    area: Path | None = None
     corrected: Sequence[survey.Trajectory] = ()
     motion: IceMotion | None = None
 
+    @property
+    def out(self) -> Path:
+        """Folder of the map."""
+        return self.request.options.out
 
-def write_map(made: MadeMap, out: Path, *, rays: bool, max_slope_deg: float | None) -> None:
-    """Write the map into a new folder that replaces the old one when it is complete."""
-    with replacing_folder(out, own=OWN_FILES) as draft:
-        _with_area(made).write(draft)
-        for k, path in enumerate(made.corrected, 1):
-            number = "" if len(made.corrected) == 1 else f"_{k}"
-            path.write(draft / f"corrected_trajectory{number}.csv")
-        if made.motion is not None:
-            write_motion(made.motion, draft / ICE_MOTION)
-        _draw(made.reconstruction, draft)
-        if rays:
-            _mark(made.reconstruction, draft, max_slope_deg)
+    def write(self, out: Path | None = None) -> "MapResult":
+        """Write the map into a new folder that replaces the old one when it is complete.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            The folder; that of the request by default.
+
+        Returns
+        -------
+        MapResult
+            The result at its place.
+        """
+        placed = self if out is None else replace(self, request=self.request.at(out))
+        with replacing_folder(placed.out, own=OWN_FILES) as draft:
+            self._recorded().write(draft)
+            for k, path in enumerate(self.corrected, 1):
+                number = "" if len(self.corrected) == 1 else f"_{k}"
+                path.write(draft / f"corrected_trajectory{number}.csv")
+            if self.motion is not None:
+                write_motion(self.motion, draft / ICE_MOTION)
+            _draw(self.reconstruction, draft)
+            if self.request.config.rays:
+                _mark(self.reconstruction, draft, self.request.options.max_slope_deg)
+        return placed
+
+    def lines(self) -> list[str]:
+        """Return size, area, hyperparameters and findings of the map."""
+        result = self.reconstruction
+        rows, columns = result.mean.shape
+        hint = " (name a polygon with --area)" if self.request.options.area is None else ""
+        lines = [
+            f"{rows} × {columns} nodes {self.origin}, written to {self.out / 'dem.tif'}",
+            fact_line("area", f"{self._area_text}{hint}"),
+            *figure_lines(result.hyperparameters),
+            *_findings(result),
+        ]
+        if result.quantity == ELEVATION:
+            scored = f"firnline score {self.out / 'dem.tif'} --truth REFERENCE, or --checkpoints POINTS.csv"
+            lines.append(fact_line("next", scored))
+        return lines
+
+    def facts(self) -> dict[str, Any]:
+        """Return the record of the map that was written."""
+        return read_json(self.out / "reconstruction.json", "the record of the map")
+
+    def as_json(self) -> str:
+        """Return the record of the map as it was written."""
+        return (self.out / "reconstruction.json").read_text(encoding="utf-8")
+
+    @property
+    def _area_text(self) -> str:
+        area = self.request.options.area
+        return _BOUNDING_BOX if area is None else str(area)
+
+    def _recorded(self) -> survey.Reconstruction:
+        """Return the map with the area that it covers in its record."""
+        diagnostics = {**self.reconstruction.diagnostics, "area": self._area_text}
+        return replace(self.reconstruction, diagnostics=diagnostics)
 
 
-def _with_area(made: MadeMap) -> survey.Reconstruction:
-    """Return the map with the area that it covers in its record."""
-    diagnostics = {**made.reconstruction.diagnostics, "area": _area_text(made.area)}
-    return replace(made.reconstruction, diagnostics=diagnostics)
+def reconstruct(request: ReconstructRequest, progress: Progress = no_progress) -> MapResult:
+    """Map terrain, or another sampled quantity, from points or LiDAR scans.
+
+    Parameters
+    ----------
+    request : ReconstructRequest
+        Files and settings.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    MapResult
+        The map; `MapResult.write` writes it.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used, an output that exists, or an option that the method does not use.
+    ConfigError
+        A setting that is unknown or wrong.
+    """
+    checked = _checked(request)
+    return _map_scans(checked, progress) if checked.is_of_scans else _map_points(checked, progress)
 
 
-def _area_text(area: Path | None) -> str:
-    return _BOUNDING_BOX if area is None else str(area)
+def preview_reconstruction(request: ReconstructRequest) -> Preview:
+    """Read and check all input of a map, and return what would be mapped."""
+    checked = _checked(request)
+    if checked.is_of_scans:
+        stated = {"scans": f"{len(scan_files(request.sources))} files"}
+    else:
+        stated = _read_inputs(checked).facts
+    return Preview.of([request.out], {"method": checked.method.name, **stated})
+
+
+def _checked(request: ReconstructRequest) -> MapRequest:
+    checked = map_request(request)
+    refuse_existing([request.out], force=request.force, inputs=checked.inputs, own=OWN_FILES)
+    return checked
 
 
 def _draw(result: survey.Reconstruction, out: Path) -> None:
@@ -124,53 +235,32 @@ def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None)
         steep_ground(result, max_slope_deg).write(out / "no_go.tif")
 
 
-def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
-    """Print what was made, for people or as JSON."""
-    if as_json:
-        typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
-        return
-    result = made.reconstruction
-    rows, columns = result.mean.shape
-    typer.echo(f"{rows} × {columns} nodes {made.origin}, written to {out / 'dem.tif'}")
-    hint = " (name a polygon with --area)" if made.area is None else ""
-    typer.echo(fact_line("area", f"{_area_text(made.area)}{hint}"))
-    for line in figure_lines(result.hyperparameters):
-        typer.echo(line)
-    _print_findings(result)
-    if result.quantity == ELEVATION:
-        typer.echo(
-            fact_line(
-                "next", f"firnline score {out / 'dem.tif'} --truth REFERENCE, or --checkpoints POINTS.csv"
-            )
-        )
-
-
-def _print_findings(result: survey.Reconstruction) -> None:
-    """Print the check by points left out, the classes by the map's claim, and what is to be known of the input."""
+def _findings(result: survey.Reconstruction) -> list[str]:
+    """Return the check by points left out, the classes by the map's claim, and what is to be known of the input."""
     from survey.scoring.standards.certificate import own_claim
 
-    for sentence in own_claim(result) if result.quantity == ELEVATION else beyond_sentences(result):
-        typer.echo(fact_line("map", sentence))
+    sentences = own_claim(result) if result.quantity == ELEVATION else beyond_sentences(result)
     if result.method == "tin":
-        typer.echo(
-            fact_line(
-                "map", "σ is that of the points alone, without the relief between them; no class is stated."
-            )
-        )
-    share = result.diagnostics.get("prior_covered_share")
+        sentences = [
+            *sentences,
+            "σ is that of the points alone, without the relief between them; no class is stated.",
+        ]
+    lines = [fact_line("map", sentence) for sentence in sentences]
+    found = result.diagnostics
+    share, n_low, offset_m = (
+        found.get(name) for name in ("prior_covered_share", "n_low_returns", "satellite_offset_m")
+    )
     if share is not None:
-        typer.echo(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
-    for found in result.diagnostics.get("blunders", ()):
-        typer.echo(fact_line("left out", f"{found['file']}: {found['sentence']}"))
-    n_low = result.diagnostics.get("n_low_returns", 0)
+        lines.append(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
+    lines += [
+        fact_line("left out", f"{each['file']}: {each['sentence']}") for each in found.get("blunders", ())
+    ]
     if n_low:
-        typer.echo(fact_line("left out", f"{n_low} isolated low returns"))
-    offset_m = result.diagnostics.get("satellite_offset_m")
+        lines.append(fact_line("left out", f"{n_low} isolated low returns"))
     if offset_m is not None:
-        sigma_m = result.diagnostics["satellite_offset_m_sigma"]
-        typer.echo(fact_line("prior", f"lies {offset_m:+.2f} ± {sigma_m:.2f} m from the map"))
-    for conflict in result.diagnostics.get("prior_conflicts", ()):
-        typer.echo(fact_line("warning", conflict))
+        sigma_m = found["satellite_offset_m_sigma"]
+        lines.append(fact_line("prior", f"lies {offset_m:+.2f} ± {sigma_m:.2f} m from the map"))
+    return [*lines, *(fact_line("warning", conflict) for conflict in found.get("prior_conflicts", ()))]
 
 
 class PointInputs(NamedTuple):
@@ -195,7 +285,7 @@ class PointInputs(NamedTuple):
         }
 
 
-def read_inputs(request: MapRequest) -> PointInputs:
+def _read_inputs(request: MapRequest) -> PointInputs:
     """Read the points, and with them area, paths and prior, onto the nodes of the map."""
     options = request.options
     blunders: dict[str, Blunders] = {}
@@ -236,27 +326,32 @@ def _sound_points(request: MapRequest, file: Path, blunders: dict[str, Blunders]
     return kept
 
 
-def map_points(request: MapRequest) -> MadeMap:
+def _map_points(request: MapRequest, progress: Progress) -> MapResult:
     """Map the points of a file, or of several drives, over the area, or over their bounding box."""
-    drives, grid, area, paths, prior, blunders = read_inputs(request)
-    with counted(quiet=request.options.quiet) as progress:
-        mapped = map_landmarks(
-            drives.points,
-            grid,
-            request.config,
-            prior=prior,
-            path=drives.path,
-            quantity=request.options.value or ELEVATION,
-            progress=progress,
-            area=area,
-        )
+    drives, grid, area, paths, prior, blunders = _read_inputs(request)
+    mapped = map_landmarks(
+        drives.points,
+        grid,
+        request.config,
+        prior=prior,
+        path=drives.path,
+        quantity=request.options.value or ELEVATION,
+        progress=progress,
+        area=area,
+    )
     moved, motion = _on_ice(mapped, request)
     result = _with_blunders(moved if area is None else within(moved, area), blunders)
     corrected: list[survey.Trajectory] = []
     if mapped.correction is not None:
         parts = drives.corrections(mapped.correction)
         corrected = [part.applied(path) for part, path in zip(parts, paths, strict=True)]
-    return MadeMap(result, f"by {request.method.name}", request.options.area, corrected, motion)
+    return MapResult(
+        request=request,
+        reconstruction=result,
+        origin=f"by {request.method.name}",
+        corrected=corrected,
+        motion=motion,
+    )
 
 
 def _with_blunders(result: survey.Reconstruction, blunders: dict[str, Blunders]) -> survey.Reconstruction:
@@ -313,7 +408,7 @@ def _bounds(points: survey.SurfacePoints) -> tuple[float, float, float, float]:
     return float(xmin), float(ymin), float(xmax), float(ymax)
 
 
-def map_scan_files(request: MapRequest) -> MadeMap:
+def _map_scans(request: MapRequest, progress: Progress) -> MapResult:
     """Map scans as they are read, over the area or over all that they show."""
     files = scan_files(request.options.sources)
     track = next((SensorPath.read(file) for file in request.options.trajectories), None)
@@ -321,16 +416,15 @@ def map_scan_files(request: MapRequest) -> MadeMap:
     grid = None if area is None else request.grid_over(area.bounds, area.crs)
     config = request.config
     settings = ScanSettings(request.step_m, rays=config.rays, configs=config.configs_of(request.method))
-    with counted(quiet=request.options.quiet) as progress:
-        made = map_scans(
-            read_scans(files, crs=request.options.crs, sigma_m=request.options.sigma_m, track=track),
-            request.method,
-            settings,
-            grid=grid,
-            on_scan=lambda n: progress("scans", n, max(len(files), n)),
-        )
+    made = map_scans(
+        read_scans(files, crs=request.options.crs, sigma_m=request.options.sigma_m, track=track),
+        request.method,
+        settings,
+        grid=grid,
+        on_scan=lambda n: progress("scans", n, max(len(files), n)),
+    )
     result = made.reconstruction if area is None else within(made.reconstruction, area)
-    return MadeMap(result, f"from {made.n_scans} scans", request.options.area)
+    return MapResult(request=request, reconstruction=result, origin=f"from {made.n_scans} scans")
 
 
 def _area_of_scans(request: MapRequest) -> survey.SurveyArea | None:
@@ -343,3 +437,103 @@ def _area_of_scans(request: MapRequest) -> survey.SurveyArea | None:
             raise InputError(f"{request.options.area} is in degrees; add --crs with the CRS of the scans.")
         return area
     return request.read_area(projected_crs(request.options.crs, "the scans"))
+
+
+@dataclass(frozen=True)
+class PayloadResult(Result):
+    """Map of a quantity that was logged on a drive.
+
+    Parameters
+    ----------
+    request : PayloadRequest
+        What was asked for.
+    log : PayloadLog
+        The first log, which states the quantity.
+    mapped : Reconstruction
+        The map.
+    """
+
+    request: PayloadRequest
+    log: PayloadLog
+    mapped: survey.Reconstruction
+
+    def write(self, out: Path | None = None) -> "PayloadResult":
+        """Write GeoTIFF, NetCDF and facts into a folder.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            The folder; that of the request by default.
+
+        Returns
+        -------
+        PayloadResult
+            The result at its place.
+        """
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        with replacing_folder(placed.request.out, own=PAYLOAD_FILES) as draft:
+            write_payload(self.mapped, self.log, draft)
+        return placed
+
+    def lines(self) -> list[str]:
+        """Return readings, length scale, dependence on elevation, noise, and the place of the map."""
+        found = self.mapped.hyperparameters
+        return [
+            f"{self.log.quantity.label}: {self.mapped.diagnostics['n_readings']} readings, length scale "
+            f"{found['length_scale_m']:.0f} m, {found['per_km_of_elevation']:+.2f} ± "
+            f"{found['per_km_of_elevation_sigma']:.2f} per km of elevation, noise {found['noise_sd']:.3g}",
+            f"map: {self.request.out}",
+        ]
+
+
+def payload(request: PayloadRequest) -> PayloadResult:
+    """Map a quantity that was logged on a drive, with elevation as covariate.
+
+    Parameters
+    ----------
+    request : PayloadRequest
+        Logs, paths and terrain.
+
+    Returns
+    -------
+    PayloadResult
+        The map; `PayloadResult.write` writes it.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used, or an output that exists.
+    """
+    logs, paths, terrain = _payload_inputs(request)
+    return PayloadResult(request, logs[0], map_payload(logs, paths, terrain, payload_grid(terrain.grid())))
+
+
+def preview_payload(request: PayloadRequest) -> Preview:
+    """Read logs, paths and terrain, and return their numbers."""
+    logs, _, _ = _payload_inputs(request)
+    return Preview.of([request.out], {"logs": len(logs), "paths": len(request.trajectories)})
+
+
+def _payload_inputs(
+    request: PayloadRequest,
+) -> tuple[list[PayloadLog], list[survey.Trajectory | None], survey.Dem]:
+    """Read logs, the path of each drive (None where none is given), and the terrain."""
+    inputs = (*request.logs, *request.trajectories, request.terrain)
+    refuse_existing([request.out], force=request.force, inputs=inputs, own=PAYLOAD_FILES)
+    terrain = survey.Dem.read(request.terrain)
+    quantity = Quantity(
+        name=request.name,
+        unit=request.unit,
+        standard_name=request.standard_name,
+        noise_sd=request.noise_sd,
+        lag_s=request.lag_s,
+    )
+    logs = [PayloadLog.read(file, quantity) for file in request.logs]
+    if not request.trajectories:
+        return logs, [None] * len(logs), terrain
+    if len(request.trajectories) != len(logs):
+        raise ConfigError(
+            f"{len(logs)} logs and {len(request.trajectories)} trajectories were given; give one --trajectory for "
+            "each log, in the same order."
+        )
+    return logs, [survey.Trajectory.read(file, terrain.crs) for file in request.trajectories], terrain

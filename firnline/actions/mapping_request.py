@@ -1,14 +1,12 @@
 """Request of a map: options and settings, checked against what the method needs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from pyproj import CRS
 
 import survey
-from firnline.actions.interface import RunOptions, columns_option, epoch_option
+from firnline.actions.requests import ReconstructRequest
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
 from survey.data.ice.motion_file import ICE_MOTION
@@ -19,118 +17,6 @@ from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
 
-
-@dataclass(frozen=True, kw_only=True)
-class ReconstructOptions(RunOptions):
-    """Options of the command; None stands for an option that was not given."""
-
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Points (text tables, vector files, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
-            "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
-            "KITTI, ROS 2) with --trajectory for all methods."
-        ),
-    ]
-    prior: Annotated[
-        Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")
-    ] = None
-    product: Annotated[
-        str | None,
-        typer.Option(
-            "--product",
-            help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
-            "unknown, or unbiased for exact level and independent errors.  [default: unknown]",
-        ),
-    ] = None
-    step_m: Annotated[
-        float | None,
-        typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
-    ] = None
-    area: Annotated[
-        Path | None,
-        typer.Option("--area", help="Polygon file to map; without it the bounding box of the points."),
-    ] = None
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"
-        ),
-    ] = None
-    value: Annotated[
-        str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
-    ] = None
-    crs: Annotated[
-        str | None, typer.Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")
-    ] = None
-    sigma_m: Annotated[
-        float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
-    ] = None
-    columns: Annotated[
-        list[str],
-        columns_option("Columns of a table of points: x, y, z, lon, lat, sigma_z; usual names are found."),
-    ] = field(default_factory=list)
-    trajectories: Annotated[
-        list[Path],
-        typer.Option(
-            "--trajectory",
-            help="Path that the points were seen from: trajectory.csv with its trajectory.error.npz for the method joint "
-            "and for scans in the sensor's frame (one for each source, in their order), TUM for scans that do not state where the scanner was.",
-        ),
-    ] = field(default_factory=list)
-    ties: Annotated[
-        Path | None,
-        typer.Option(
-            "--ties",
-            help="With --method joint and several drives: places that two of them saw from above (ties.csv); drives are "
-            "numbered from 0 in the order of the sources.",
-        ),
-    ] = None
-    epoch_s: Annotated[
-        float | None,
-        epoch_option(
-            "With --method joint on moving ice, whose motion stands beside the trajectory: the time of which the map is, in "
-            "seconds of the recording; that of localization when left out."
-        ),
-    ] = None
-    rays: Annotated[
-        bool,
-        typer.Option(
-            "--rays", help="Let lines of sight to the ground bound the map from above, and draw its bounds."
-        ),
-    ] = False
-    max_slope_deg: Annotated[
-        float | None,
-        typer.Option(
-            "--max-slope",
-            help="With --rays: write no_go.tif, the ground that the bounds show to be steeper [deg].",
-        ),
-    ] = None
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")] = (
-        Path("reconstruction")
-    )
-    tiles: Annotated[
-        bool,
-        typer.Option(
-            "--tiles",
-            help="Map point files of any size (LAS/LAZ, COPC, PLY, Parquet, folders) tile by tile; a killed run goes on by "
-            "the same command.",
-        ),
-    ] = False
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", min=1, help="With --tiles: processes; one for each core when left out."),
-    ] = None
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="With --tiles: a dask scheduler, tcp://host:port.")
-    ] = None
-    control: Annotated[
-        Path | None,
-        typer.Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
-    ] = None
-    force: Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")] = False
-
-
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
 
 
@@ -140,9 +26,9 @@ class _Settings(Section):
 
 @dataclass(frozen=True)
 class MapRequest:
-    """Options of the command, with the method, its settings and the distance between nodes that follow from them."""
+    """Request that was checked, with the method, its settings and the distance between nodes that follow from it."""
 
-    options: ReconstructOptions
+    options: ReconstructRequest
     method: ReconstructionMethod
     config: ReconstructionConfig
     step_m: float
@@ -170,6 +56,10 @@ class MapRequest:
         options = self.options
         return [*options.sources, options.prior, options.area, options.ties, *options.trajectories]
 
+    def at(self, out: Path) -> "MapRequest":
+        """Return the request with another place of the map."""
+        return replace(self, options=replace(self.options, out=out))
+
     def read_area(self, crs: CRS) -> survey.SurveyArea | None:
         """Return the area to map, in the points' CRS."""
         if self.options.area is None:
@@ -184,7 +74,7 @@ class MapRequest:
         return survey.Grid.over(bounds, self.step_m, crs)
 
 
-def map_request(options: ReconstructOptions) -> MapRequest:
+def map_request(options: ReconstructRequest) -> MapRequest:
     """Return the checked request.
 
     Raises
@@ -194,6 +84,7 @@ def map_request(options: ReconstructOptions) -> MapRequest:
     ConfigError
         A setting that is unknown or wrong, or a mapping of columns that was not understood.
     """
+    _refuse_options_of_others(options)
     if options.method is not None:
         method_named(options.method)
     if options.step_m is not None:
@@ -217,7 +108,17 @@ def map_request(options: ReconstructOptions) -> MapRequest:
     return request
 
 
-def _config(options: ReconstructOptions) -> ReconstructionConfig:
+def _refuse_options_of_others(options: ReconstructRequest) -> None:
+    """Refuse options of maps in tiles, and a slope without lines of sight."""
+    given = {"--workers": options.workers, "--scheduler": options.scheduler, "--control": options.control}
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"{name} is of maps in tiles; add --tiles, or leave {name} out.")
+    if options.max_slope_deg is not None and not options.rays:
+        raise InputError("steep ground is found from the map's bounds; add --rays to --max-slope.")
+
+
+def _config(options: ReconstructRequest) -> ReconstructionConfig:
     """Return the settings that options and overrides state."""
     given = {"method": options.method, "grid_step_m": options.step_m, "rays": options.rays or None}
     values = {"reconstruction": {key: value for key, value in given.items() if value is not None}}
@@ -227,14 +128,14 @@ def _config(options: ReconstructOptions) -> ReconstructionConfig:
     return validated(_Settings, with_overrides(values, settings), "--set").reconstruction
 
 
-def _are_scans(options: ReconstructOptions, method: ReconstructionMethod) -> bool:
+def _are_scans(options: ReconstructRequest, method: ReconstructionMethod) -> bool:
     sources = options.sources
     if method.begin is None or _are_registered(options):
         return False
     return len(sources) > 1 or sources[0].suffix.lower() not in TABLES
 
 
-def _are_registered(options: ReconstructOptions) -> bool:
+def _are_registered(options: ReconstructRequest) -> bool:
     """Return whether scans in the frame of their sensor come with tables of poses, which have covariances."""
     has_tables = bool(options.trajectories) and all(file.suffix == ".csv" for file in options.trajectories)
     return has_tables and all(holds_sensor_scans(source) for source in options.sources)

@@ -5,15 +5,13 @@ QGIS project, with the predicted standard deviation of the map.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-import typer
-
-from firnline.actions.files import own_crs, read_about
-from firnline.actions.interface import RunOptions, fact_line
+from firnline.actions.interface import Argument, Option, Result, own_crs, read_about
+from firnline.actions.requests import RunOptions
 
 if TYPE_CHECKING:
     import planners
@@ -23,170 +21,151 @@ if TYPE_CHECKING:
     from survey.reporting.qgis import QgisGroup
 
 
+_ROUTES = (".geojson", ".gpkg")
+_FORMATS = (*_ROUTES, ".pdf", ".qgz")
+
+
 @dataclass(frozen=True, kw_only=True)
-class PlanOptions(RunOptions):
-    """Options of the command; None stands for an option that was not given."""
+class PlanRequest(RunOptions):
+    """What is to be planned, and where the plan is written; None stands for an option that was not given."""
 
     source: Annotated[
-        Path, typer.Argument(help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).")
+        Path, Argument(help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).")
     ]
-    prior: Annotated[Path | None, typer.Option("--prior", help="Coarse elevation raster of the area.")] = None
+    prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster of the area.")] = None
     pattern: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--pattern",
             help="Planner, such as lawnmower (default), wavy or best (by predicted error); an unknown name lists all.",
         ),
     ] = None
     swaths: Annotated[
-        int | None, typer.Option("--swaths", help="Number of parallel lines; 4 when no size is given.")
+        int | None, Option("--swaths", help="Number of parallel lines; 4 when no size is given.")
     ] = None
     spacing: Annotated[
         float | None,
-        typer.Option("--spacing", help="Ground sample spacing: the largest distance between swaths [m]."),
+        Option("--spacing", help="Ground sample spacing: the largest distance between swaths [m]."),
     ] = None
-    budget: Annotated[
-        float | None, typer.Option("--budget", help="Metres to drive (best, variance-driven).")
-    ] = None
+    budget: Annotated[float | None, Option("--budget", help="Metres to drive (best, variance-driven).")] = (
+        None
+    )
     rmse: Annotated[
-        float | None, typer.Option("--rmse", help="Predicted error to reach [m] (best, variance-driven).")
+        float | None, Option("--rmse", help="Predicted error to reach [m] (best, variance-driven).")
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option(
-            "--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."
-        ),
+        Option("--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."),
     ] = None
-    rovers: Annotated[int | None, typer.Option("--rovers", help="Number of rovers that share the area.")] = (
-        None
-    )
+    rovers: Annotated[int | None, Option("--rovers", help="Number of rovers that share the area.")] = None
     max_slope: Annotated[
         float | None,
-        typer.Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
+        Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None
     no_go: Annotated[
         Path | None,
-        typer.Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it."),
+        Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it."),
     ] = None
     require: Annotated[
         str | None,
-        typer.Option(
-            "--require", help="Guarantee this: class-1, class-2, class-3 or an RMSE [m]; needs --prior."
-        ),
+        Option("--require", help="Guarantee this: class-1, class-2, class-3 or an RMSE [m]; needs --prior."),
     ] = None
     probability: Annotated[
         float,
-        typer.Option("--probability", help="Probability of the guarantee, above 0.5 and at most 0.999."),
+        Option("--probability", help="Probability of the guarantee, above 0.5 and at most 0.999."),
     ] = 0.9
     noise_m: Annotated[
         float,
-        typer.Option("--noise", help="Standard deviation of a sample's height, for the guarantee [m]."),
+        Option("--noise", help="Standard deviation of a sample's height, for the guarantee [m]."),
     ] = 0.1
     localization_m: Annotated[
         float,
-        typer.Option(
+        Option(
             "--localization",
             help="Standard deviation of the rover's position, east and north each, for the guarantee [m].",
         ),
     ] = 0.0
     prior_sigma_m: Annotated[
         float,
-        typer.Option(
-            "--prior-sigma", help="Standard deviation of a cell of the prior, for the guarantee [m]."
-        ),
+        Option("--prior-sigma", help="Standard deviation of a cell of the prior, for the guarantee [m]."),
     ] = 1.0
     assume: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--assume",
             help="Covariance family of the terrain (squared-exponential, matern-5/2, matern-3/2, whittle); by default those of the surface.",
         ),
     ] = None
     surface: Annotated[
         str,
-        typer.Option(
+        Option(
             "--surface",
             help="Class of the ground, for the guarantee: bare-ice, snow, moraine, bedrock or unknown.",
         ),
     ] = "unknown"
     micro_relief_m: Annotated[
         float | None,
-        typer.Option(
+        Option(
             "--micro-relief",
             help="Standard deviation of relief finer than the samples [m]; that of the surface by default.",
         ),
     ] = None
     shared_m: Annotated[
         float,
-        typer.Option("--shared", help="Standard deviation of an error of height that all samples share [m]."),
+        Option("--shared", help="Standard deviation of an error of height that all samples share [m]."),
     ] = 0.05
     max_swaths: Annotated[
         int | None,
-        typer.Option(
+        Option(
             "--max-swaths", help="Most swaths of a guarantee; by default as many as are two samples apart."
         ),
     ] = None
     joint: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--joint",
             help="Predict the errors that the path shares, from its sensors and aiding (--set): numbers of swaths and of stakes.",
         ),
     ] = False
     adaptive: Annotated[
-        bool, typer.Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
+        bool, Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
     ] = False
-    driven: Annotated[Path | None, typer.Option("--driven", help="Route driven so far (adaptive).")] = None
-    measured: Annotated[
-        Path | None, typer.Option("--measured", help="Points measured so far (adaptive).")
-    ] = None
+    driven: Annotated[Path | None, Option("--driven", help="Route driven so far (adaptive).")] = None
+    measured: Annotated[Path | None, Option("--measured", help="Points measured so far (adaptive).")] = None
     season: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--season",
             help="Design two surveys: half the 95 % interval of the mass balance [m w.e.], such as 0.2, or of the change of volume, such as 5%; needs --prior and --dates.",
         ),
     ] = None
     dates: Annotated[
         str | None,
-        typer.Option("--dates", help="Days of both surveys of a season, such as 2026-05-01,2026-09-20."),
+        Option("--dates", help="Days of both surveys of a season, such as 2026-05-01,2026-09-20."),
     ] = None
     melt_m_we_day: Annotated[
         float | None,
-        typer.Option(
-            "--melt", help="Mean melt of a day in the season [m w.e.]; that of the surface by default."
-        ),
+        Option("--melt", help="Mean melt of a day in the season [m w.e.]; that of the surface by default."),
     ] = None
     emergence_m_year: Annotated[
         float,
-        typer.Option(
+        Option(
             "--emergence",
             help="Standard deviation of the mean vertical motion of the ice over the area [m per year]; 0 for a complete glacier.",
         ),
     ] = 0.0
-    km_a_day: Annotated[
-        float, typer.Option("--km-a-day", help="Distance driven in a day of a season [km].")
-    ] = 10.0
+    km_a_day: Annotated[float, Option("--km-a-day", help="Distance driven in a day of a season [km].")] = 10.0
     out: Annotated[
         Path,
-        typer.Option(
+        Option(
             "--out",
             "-o",
             help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
         ),
     ] = Path("route.geojson")
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the route and its picture where they exist.")
-    ] = False
-
-
-_ROUTES = (".geojson", ".gpkg")
-_FORMATS = (*_ROUTES, ".pdf", ".qgz")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanRequest(PlanOptions):
-    """Options of the command, with the files that it reads and writes."""
+    force: Annotated[bool, Option("--force", help="Replace the route and its picture where they exist.")] = (
+        False
+    )
 
     @property
     def files(self) -> dict[str, Path]:
@@ -243,7 +222,7 @@ class PlanRequest(PlanOptions):
         InputError
             One sentence that names the output and what to do.
         """
-        from firnline.actions.files import refuse_existing
+        from firnline.actions.interface import refuse_existing
         from survey.core.errors import InputError
 
         if self.out.suffix.lower() not in _FORMATS:
@@ -357,6 +336,43 @@ def _groups(
     return tuple(groups)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanResult(Result):
+    """A plan; each kind of plan adds what is known of it.
+
+    Parameters
+    ----------
+    request : PlanRequest
+        What was asked for.
+    route : Route, optional
+        The route; None where no more driving is needed.
+    drawing : PlanDrawing
+        What is drawn beside it.
+    """
+
+    request: PlanRequest
+    route: "survey.Route | None"
+    drawing: PlanDrawing
+
+    def write(self, out: Path | None = None) -> Self:
+        """Write the files of the plan; all replace what was there, or none does.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            Main file; that of the request by default.
+
+        Returns
+        -------
+        PlanResult
+            The plan at its place.
+        """
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        if placed.route is not None:
+            write_plan(placed.request, placed.route, placed.drawing)
+        return placed
+
+
 def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     """Write the files of a plan; all replace what was there, or none does."""
     if request.out.suffix.lower() == ".pdf":
@@ -365,20 +381,6 @@ def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing
         write_plan_project(request, route, drawing)
     else:
         _write_route(request, route, drawing)
-
-
-def plan_facts(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
-    """Return files, counts and predictions of a plan, for ``--json``."""
-    from planners.swaths.counting import count_lines
-
-    return (
-        request.written | {"lines": count_lines(route), "swaths": len(route.swaths)} | dict(route.prediction)
-    )
-
-
-def fact_lines(prediction: Mapping[str, float]) -> list[str]:
-    """Return what is expected of a route as lines for people, in hours, kilometres and kilowatt-hours."""
-    return [fact_line(title, text) for title, text in fact_texts(prediction).values()]
 
 
 def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:

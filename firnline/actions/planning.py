@@ -1,20 +1,25 @@
 """Plan the route of a survey: of an area, of a mission, for a required class, or for a season."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from firnline.actions.interface import end_dry_run, fact_line
-from firnline.actions.plan_request import PlanDrawing, PlanRequest, fact_lines, plan_facts, write_plan
+from firnline.actions.guaranteeing import (
+    SurveyOptions,
+    limit_of,
+    plan_adaptive,
+    plan_guaranteed,
+    plan_joint,
+    survey_options,
+)
+from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts
+from firnline.actions.season import plan_season
 
 if TYPE_CHECKING:
     import planners
     import survey
-    from survey.core.arrays import Progress
     from survey.reconstruction.gp.covariance.kernels import Kernel
 
 
@@ -45,21 +50,57 @@ class AreaPlan:
         )
 
 
-def plan_area(request: PlanRequest) -> None:
-    """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
-    from firnline.cli.progress import counted
+@dataclass(frozen=True, kw_only=True)
+class AreaPlanResult(PlanResult):
+    """Route of an area as the options ask for it.
+
+    Parameters
+    ----------
+    no_error_because : str
+        Why no error of the map is predicted; empty where it is, or where there is no prior.
+    """
+
+    route: "survey.Route"
+    no_error_because: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """Why no error is predicted."""
+        return [f"no error is predicted: {self.no_error_because}"] if self.no_error_because else []
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, counts and predictions."""
+        from planners.swaths.counting import count_lines
+
+        counts = {"lines": count_lines(self.route), "swaths": len(self.route.swaths)}
+        return self.request.written | counts | dict(self.route.prediction)
+
+    def lines(self) -> list[str]:
+        """Return what is expected of the route."""
+        from planners.swaths.counting import swaths_text
+
+        lines = [
+            f"{swaths_text(self.route)}, written to {self.request.written_text}",
+            *(fact_line(title, text) for title, text in fact_texts(self.route.prediction).values()),
+        ]
+        if "rmse_m" in self.route.prediction:
+            remedy = "--require counts the first, --require with --joint the second"
+            lines.append(fact_line("RMSE excludes", f"{_NOT_INCLUDED} ({remedy})"))
+        return lines
+
+
+def plan_area(request: PlanRequest, progress: Progress = no_progress) -> AreaPlanResult:
+    """Plan a route of a named pattern."""
     from planners.driving.rover import Crew, homes_of
 
     config = checked_options(request)
     area, dem = request.read_area()
     homes_of(area, Crew(config.rover, config.fleet))
-    with counted(quiet=request.quiet) as progress:
-        progress("fitting the terrain's covariance", 0, 1)
-        kernel = None if dem is None else _kernel(dem, area)
-        progress("fitting the terrain's covariance", 1, 1)
-        made = area_plan(config, area, dem, kernel, progress)
-    write_plan(request, made.route, made.drawing)
-    _print_route(request, made.route)
+    progress("fitting the terrain's covariance", 0, 1)
+    kernel, refusal = (None, "") if dem is None else _kernel(dem, area)
+    progress("fitting the terrain's covariance", 1, 1)
+    made = area_plan(config, area, dem, kernel, progress)
+    return AreaPlanResult(request=request, route=made.route, drawing=made.drawing, no_error_because=refusal)
 
 
 def area_plan(
@@ -67,7 +108,7 @@ def area_plan(
     area: "survey.SurveyArea",
     prior: "survey.Dem | None",
     kernel: "Kernel | None",
-    progress: "Progress | None" = None,
+    progress: Progress | None = None,
 ) -> AreaPlan:
     """Plan a route with the sections that `checked_options` returns."""
     import planners
@@ -138,15 +179,14 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
     return sections
 
 
-def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
-    """Return the likeliest covariance of the prior; None, with the reason on stderr, where it is too coarse."""
+def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "tuple[Kernel | None, str]":
+    """Return the likeliest covariance of the prior; None, with the reason, where it is too coarse."""
     from survey.core.errors import InputError
 
     try:
-        return prior_kernel(dem, area)
+        return prior_kernel(dem, area), ""
     except InputError as error:
-        typer.echo(f"firnline: no error is predicted: {error}", err=True)
-        return None
+        return None, str(error)
 
 
 def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
@@ -174,48 +214,164 @@ def _assumption(kernel: "Kernel") -> str:
     )
 
 
-def _print_route(request: PlanRequest, route: "survey.Route") -> None:
-    """Print what is expected of the route, for people or as JSON."""
-    from planners.swaths.counting import swaths_text
-
-    if request.as_json:
-        typer.echo(json.dumps(plan_facts(request, route), indent=2))
-        return
-    typer.echo(f"{swaths_text(route)}, written to {request.written_text}")
-    for line in fact_lines(route.prediction):
-        typer.echo(line)
-    if "rmse_m" in route.prediction:
-        remedy = "--require counts the first, --require with --joint the second"
-        typer.echo(fact_line("RMSE excludes", f"{_NOT_INCLUDED} ({remedy})"))
-
-
-def plan_mission(request: PlanRequest) -> None:
-    """Run the plan stage of a mission."""
-    from firnline.actions.missions import print_summary, run_until
-
-    _, run = run_until(request.source, "plan", request)
-    print_summary(run, as_json=request.as_json)
+_OF_A_MISSION = (
+    "swaths",
+    "spacing",
+    "budget",
+    "rmse",
+    "prior",
+    "crs",
+    "no_go",
+    "rovers",
+    "max_slope",
+    "pattern",
+)
+_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "season", "dates")
+_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
 
 
-def required_swaths(request: PlanRequest) -> None:
-    """Print the numbers of swaths and stakes with which the mission's map meets the class."""
-    from firnline.actions.guaranteeing import limit_of, print_options_of
+def plan(request: PlanRequest, progress: Progress = no_progress) -> Result:
+    """Plan the route of a survey, or find the surveys with which the map of a mission meets a class.
+
+    Parameters
+    ----------
+    request : PlanRequest
+        Area or mission file, options and output. A mission file needs ``require``; its route is planned by
+        `firnline.actions.missions.run_until`.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    PlanResult or SurveyOptions
+        The plan; `PlanResult.write` writes its files.
+
+    Raises
+    ------
+    NotMetError
+        The class or error that is required cannot be reached.
+    ConfigError
+        Options that contradict one another.
+    InputError
+        Input that cannot be used, or an output that exists.
+    """
+    return mode_of(request)(request, progress)
+
+
+def preview_plan(request: PlanRequest) -> Preview:
+    """Read and check the inputs of a plan, and return what would be planned and written."""
+    mode_of(request)
+    return Preview.of(request.files.values(), _facts(request))
+
+
+def check_mission_plan(request: PlanRequest) -> None:
+    """Refuse options that a mission file decides.
+
+    Raises
+    ------
+    ConfigError
+        Names them.
+    """
+    from survey.core.errors import ConfigError
+
+    stated = request.given(*_OF_A_MISSION)
+    if stated:
+        raise ConfigError(
+            f"{request.source} is a mission file, which sets {', '.join(stated)} itself; change it with --set, "
+            "as in --set planner.swaths=6."
+        )
+    foreign = request.given(*_OF_AN_AREA)
+    if foreign:
+        raise ConfigError(
+            f"{', '.join(foreign)} goes with an area, but {request.source} is a mission file; leave it out."
+        )
+
+
+def mode_of(request: PlanRequest) -> Callable[[PlanRequest, Progress], Result]:
+    """Return the function that carries out a request.
+
+    Raises
+    ------
+    ConfigError
+        Options that contradict one another, or a probability out of its range.
+    InputError
+        An output that exists, is an input or cannot be written.
+    """
+    if request.require is not None:
+        from planners.guarantee.requirement import require_probability
+
+        require_probability(request.probability)
+    if request.is_mission:
+        check_mission_plan(request)
+        return _required_swaths
+    mode = _mode_of_area(request)
+    request.check_outputs()
+    return mode
+
+
+def _mode_of_area(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
+    """Return the function for an area."""
+    if request.given("season", "dates"):
+        return _season_mode(request)
+    if request.require is not None:
+        return _guarantee_mode(request)
+    from survey.core.errors import ConfigError
+
+    stated = request.given("joint", "adaptive", "driven", "measured", "assume")
+    if stated:
+        raise ConfigError(
+            f"{', '.join(stated)} goes with --require; give the class or error that is required."
+        )
+    return plan_area
+
+
+def _required_swaths(request: PlanRequest, progress: Progress) -> SurveyOptions:
+    """Return the numbers of swaths and stakes with which the mission's map meets the class."""
     from sim.mission.runs import read_mission
 
+    del progress
     mission = read_mission(request.source, request.settings)
-    print_options_of(mission, limit_of(str(request.require)), request.probability, as_json=request.as_json)
+    return survey_options(mission, limit_of(str(request.require)), request.probability)
 
 
-def print_plan_of(request: PlanRequest) -> NoReturn:
-    """Check the inputs of a plan and print what the command would do."""
-    if request.is_mission:
-        from firnline.actions.missions import print_stages_of
+def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
+    """Return the function for a season; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
 
-        print_stages_of(request.source, request, until="plan")
-    end_dry_run(request.files.values(), _facts(request))
+    if request.season is None or request.dates is None:
+        raise ConfigError(
+            "--season and --dates belong together: the wanted error, and the days of both surveys."
+        )
+    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings")
+    if stated:
+        raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
+    if request.out.suffix.lower() not in (".geojson", ".gpkg"):
+        raise ConfigError(f"--season writes a route (.geojson, .gpkg), not {request.out}; choose another -o.")
+    return plan_season
+
+
+def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
+    """Return the function for a required class; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
+
+    stated = [
+        name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
+    ]
+    if request.settings and not request.joint:
+        stated.append("--set (which goes with --joint)")
+    if stated:
+        raise ConfigError(
+            f"--require chooses pattern, swaths and spacing itself, for one rover; leave out {', '.join(stated)}."
+        )
+    if request.joint and request.adaptive:
+        raise ConfigError("--joint predicts a complete survey beforehand; leave out --adaptive.")
+    if request.joint:
+        return plan_joint
+    return plan_adaptive if request.adaptive else plan_guaranteed
 
 
 def _facts(request: PlanRequest) -> dict[str, Any]:
+    """Return area, pattern and prior of a request."""
     from survey.core.map_scale import ground_area_m2
     from survey.core.quantity_text import area_text
 
@@ -236,126 +392,3 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
         rows, columns = prior.shape
         facts["prior"] = f"{request.prior}, {rows} × {columns} cells of {prior.step_m:g} m"
     return facts
-
-
-_OF_A_MISSION = (
-    "swaths",
-    "spacing",
-    "budget",
-    "rmse",
-    "prior",
-    "crs",
-    "no_go",
-    "rovers",
-    "max_slope",
-    "pattern",
-)
-_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "season", "dates")
-_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
-
-
-def mode_of(request: PlanRequest) -> Callable[[PlanRequest], None]:
-    """Return the function that carries out a request.
-
-    Raises
-    ------
-    ConfigError
-        Options that contradict one another, or a probability out of its range.
-    InputError
-        An output that exists, is an input or cannot be written.
-    """
-    if request.require is not None:
-        from planners.guarantee.requirement import require_probability
-
-        require_probability(request.probability)
-    if request.is_mission:
-        return _mission_mode(request)
-    if request.given("season", "dates"):
-        mode = _season_mode(request)
-        request.check_outputs()
-        return mode
-    if request.require is None:
-        from survey.core.errors import ConfigError
-
-        stated = request.given("joint", "adaptive", "driven", "measured", "assume")
-        if stated:
-            raise ConfigError(
-                f"{', '.join(stated)} goes with --require; give the class or error that is required."
-            )
-    mode = _area_mode() if request.require is None else _guarantee_mode(request)
-    request.check_outputs()
-    return mode
-
-
-def _area_mode() -> Callable[[PlanRequest], None]:
-    return plan_area
-
-
-def _mission_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
-    """Return what to do with a mission file; options that the file decides are refused."""
-    from survey.core.errors import ConfigError
-
-    stated = request.given(*_OF_A_MISSION)
-    if stated:
-        raise ConfigError(
-            f"{request.source} is a mission file, which sets {', '.join(stated)} itself; change it with --set, "
-            "as in --set planner.swaths=6."
-        )
-    foreign = request.given(*_OF_AN_AREA)
-    if foreign:
-        raise ConfigError(
-            f"{', '.join(foreign)} goes with an area, but {request.source} is a mission file; leave it out."
-        )
-
-    return plan_mission if request.require is None else required_swaths
-
-
-def _season_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
-    """Return the function for a season; options that contradict it are refused."""
-    from survey.core.errors import ConfigError
-
-    if request.season is None or request.dates is None:
-        raise ConfigError(
-            "--season and --dates belong together: the wanted error, and the days of both surveys."
-        )
-    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings")
-    if stated:
-        raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
-    if request.out.suffix.lower() not in (".geojson", ".gpkg"):
-        raise ConfigError(f"--season writes a route (.geojson, .gpkg), not {request.out}; choose another -o.")
-    from firnline.actions.season import plan_season
-
-    return plan_season
-
-
-def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
-    """Return the function for a required class; options that contradict it are refused."""
-    from survey.core.errors import ConfigError
-
-    stated = [
-        name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
-    ]
-    if request.settings and not request.joint:
-        stated.append("--set (which goes with --joint)")
-    if stated:
-        raise ConfigError(
-            f"--require chooses pattern, swaths and spacing itself, for one rover; leave out {', '.join(stated)}."
-        )
-    if request.joint and request.adaptive:
-        raise ConfigError("--joint predicts a complete survey beforehand; leave out --adaptive.")
-    return _guaranteed(request)
-
-
-def _guaranteed(request: PlanRequest) -> Callable[[PlanRequest], None]:
-    """Import and return the function for a required class."""
-    if request.joint:
-        from firnline.actions.guaranteeing import plan_joint
-
-        return plan_joint
-    if request.adaptive:
-        from firnline.actions.guaranteeing import plan_adaptive
-
-        return plan_adaptive
-    from firnline.actions.guaranteeing import plan_guaranteed
-
-    return plan_guaranteed

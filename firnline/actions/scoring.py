@@ -1,15 +1,23 @@
 """Judge a map by a reference raster or by checkpoints: error statistics, classes of ground, map class, report."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from firnline.actions.interface import RunOptions, columns_option, epoch_option, fact_line, figure_lines
-from firnline.cli.outcome import NOT_MET
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    Preview,
+    Result,
+    fact_line,
+    figure_lines,
+    refuse_existing,
+)
+from firnline.actions.requests import RunOptions, columns_option, epoch_option
+from survey.core.errors import CapacityError
 
 if TYPE_CHECKING:
     from survey import Dem, Reconstruction, Score, SurveyArea
@@ -30,38 +38,34 @@ class ScoreRequest(RunOptions):
 
     source: Annotated[
         Path,
-        typer.Argument(
-            help="Map (raster; its second band is the standard deviation) or mission file (TOML)."
-        ),
+        Argument(help="Map (raster; its second band is the standard deviation) or mission file (TOML)."),
     ]
     truth: Annotated[
-        Path | None, typer.Option("--truth", help="Reference raster, finer and more accurate than the map.")
+        Path | None, Option("--truth", help="Reference raster, finer and more accurate than the map.")
     ] = None
     checkpoints: Annotated[
         Path | None,
-        typer.Option(
-            "--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."
-        ),
+        Option("--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."),
     ] = None
     standards: Annotated[
         list[str],
-        typer.Option("--standard", help="Judge checkpoints by: asprs-edition-2, asprs-2014, nssda-1998, …"),
+        Option("--standard", help="Judge checkpoints by: asprs-edition-2, asprs-2014, nssda-1998, …"),
     ] = field(default_factory=lambda: list(_STANDARDS))
     class_m: Annotated[
-        float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
+        float | None, Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
     ] = None
     horizontal_class_m: Annotated[
         float | None,
-        typer.Option(
+        Option(
             "--horizontal-class",
             help="Horizontal class wanted [m]; checkpoints have the columns map_x and map_y.",
         ),
     ] = None
     interval_m: Annotated[
-        float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
+        float | None, Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
     ] = None
     sigma_m: Annotated[
-        float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")
+        float | None, Option("--sigma", help="Deviation of checkpoints that state none [m].")
     ] = None
     columns: Annotated[
         list[str],
@@ -69,22 +73,20 @@ class ScoreRequest(RunOptions):
             "Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name, map_x, map_y, sigma_xy; usual names are found."
         ),
     ] = field(default_factory=list)
-    datum: Annotated[
-        str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")
-    ] = None
+    datum: Annotated[str | None, Option("--datum", help="Vertical datum of checkpoints that state none.")] = (
+        None
+    )
     control: Annotated[
         Path | None,
-        typer.Option("--control", help="Points that the map was made from; no checkpoint may be one."),
+        Option("--control", help="Points that the map was made from; no checkpoint may be one."),
     ] = None
-    area: Annotated[Path | None, typer.Option("--area", help="Judge only inside this polygon.")] = None
-    route: Annotated[
-        Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
-    ] = None
+    area: Annotated[Path | None, Option("--area", help="Judge only inside this polygon.")] = None
+    route: Annotated[Path | None, Option("--route", help="Route that was driven, for coverage, α and β.")] = (
+        None
+    )
     crs: Annotated[
         str | None,
-        typer.Option(
-            "--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."
-        ),
+        Option("--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."),
     ] = None
     epoch_s: Annotated[
         float | None,
@@ -94,23 +96,23 @@ class ScoreRequest(RunOptions):
     ] = None
     by: Annotated[
         list[str],
-        typer.Option(
+        Option(
             "--by",
             metavar="slope|FILE",
             help="Statistics by class: slope, or a raster or polygons of land cover.",
         ),
     ] = field(default_factory=list)
     class_column: Annotated[
-        str | None, typer.Option("--class-column", help="Column of the polygons that names the class.")
+        str | None, Option("--class-column", help="Column of the polygons that names the class.")
     ] = None
     report: Annotated[
         Path | None,
-        typer.Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf."),
+        Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf."),
     ] = None
     language: Annotated[
-        str, typer.Option("--language", help="Language of the statements beside English: en or de.")
+        str, Option("--language", help="Language of the statements beside English: en or de.")
     ] = "en"
-    force: Annotated[bool, typer.Option("--force", help="Replace a report that is there.")] = False
+    force: Annotated[bool, Option("--force", help="Replace a report that is there.")] = False
 
     @property
     def is_mission(self) -> bool:
@@ -178,7 +180,6 @@ class ScoreRequest(RunOptions):
             )
 
     def _check_report(self, report: Path) -> None:
-        from firnline.actions.files import refuse_existing
         from survey.reporting.document.writing import OUTPUTS, check_target
         from survey.reporting.statements import template
 
@@ -233,24 +234,9 @@ def map_of(source: Path, crs: str | None = None, epoch_s: float | None = None) -
     return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})
 
 
-def print_statistics(figures: dict[str, Any]) -> None:
-    """Print error statistics, one line each."""
-    for line in figure_lines(figures):
-        typer.echo(line)
-
-
 def today() -> str:
     """Return the date in words, as reports state it."""
     return f"{datetime.now(UTC):%d %B %Y}"
-
-
-def written(request: ScoreRequest, document: "Document") -> None:
-    """Write a report and state where."""
-    from survey.reporting.document import write_document
-
-    assert request.report is not None
-    target = write_document(request.report, document)
-    typer.echo(f"report written to {target}", err=request.as_json)
 
 
 Classes = dict[str, tuple["ClassScore", ...]]
@@ -315,11 +301,144 @@ LARGE = 20_000_000
 _WIDER = 1.5
 
 
-def score_against_raster(request: ScoreRequest) -> None:
-    """Judge a map against a reference raster, print the score, and write the report that was asked for."""
+def score(request: ScoreRequest) -> "ScoreResult":
+    """Judge a map by a reference raster or by checkpoints.
+
+    Parameters
+    ----------
+    request : ScoreRequest
+        Map, reference or checkpoints, standards and report.
+
+    Returns
+    -------
+    ScoreResult
+        Error statistics and verdicts; `ScoreResult.write` writes the report.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used, or a report that exists.
+    ConfigError
+        An unknown standard, language or form of report.
+    """
+    request.check()
+    if request.checkpoints is None:
+        return _score_against_raster(request)
+    return _score_at_checkpoints(request, map_of(request.source, request.crs, request.epoch_s))
+
+
+def preview_score(request: ScoreRequest) -> Preview:
+    """Read the map and what it is judged by, and return what was read."""
+    from survey import Dem
+
+    request.check()
+    map_ = map_of(request.source, request.crs, request.epoch_s)
+    dem = map_ if isinstance(map_, Dem) else map_.mean
+    facts = {"map": "{} × {} cells".format(*dem.shape)}
+    if request.checkpoints is None:
+        assert request.truth is not None
+        facts["reference"] = "{} × {} cells".format(*Dem.read(request.truth, crs=request.crs).shape)
+    else:
+        facts["checkpoints"] = str(len(read_checkpoints(request, dem).names))
+    return Preview.of([] if request.report is None else [request.report], facts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreResult(Result):
+    """Score of a map.
+
+    Parameters
+    ----------
+    request : ScoreRequest
+        What was asked for.
+    judged : Score or CheckpointScore
+        Error statistics and verdicts.
+    classes : dict
+        Statistics by class of ground.
+    findings : tuple of str
+        Lines after the statistics.
+    document : callable
+        Makes the report.
+    meets : bool
+        Whether no wanted class was found to be missed at checkpoints.
+    written : pathlib.Path, optional
+        The report that was written.
+    """
+
+    request: ScoreRequest
+    judged: "Score | CheckpointScore"
+    classes: Classes
+    findings: tuple[str, ...] = ()
+    document: "Callable[[], Document]"
+    meets: bool = True
+    written: Path | None = None
+
+    def write(self, report: Path | None = None) -> "ScoreResult":
+        """Write the report, if one is asked for.
+
+        Parameters
+        ----------
+        report : pathlib.Path, optional
+            A folder, or a file ``.html`` or ``.pdf``; that of the request by default.
+
+        Returns
+        -------
+        ScoreResult
+            The result with the place of the report.
+        """
+        from survey.reporting.document import write_document
+
+        place = report or self.request.report
+        return self if place is None else replace(self, written=write_document(place, self.document()))
+
+    @property
+    def is_met(self) -> bool:
+        """Whether no wanted class was found to be missed at checkpoints."""
+        return self.meets
+
+    def facts(self) -> dict[str, Any]:
+        """Return statistics and verdicts."""
+        by_class = {"classes": class_values(self.classes)} if self.classes else {}
+        return {**self.judged.to_dict(), **by_class}
+
+    def lines(self) -> list[str]:
+        """Return statistics, findings, and the place of the report."""
+        lines = [*figure_lines(self.judged.to_dict()["elevation"]), *self.findings]
+        return lines if self.written is None else [*lines, self.report_line]
+
+    @property
+    def report_line(self) -> str:
+        """Sentence about the report that was written."""
+        return f"report written to {self.written}"
+
+
+def best_class(score: dict[str, Any]) -> str:
+    """Return a sentence about the strictest row of the standard that a map meets, from the plain values of a score."""
+    from survey.scoring.standards.map_classes import uncovered_sentence
+    from survey.scoring.standards.standards import LEAST_COVERED
+
+    verdicts: list[dict[str, Any]] = score["verdicts"]
+    if score["covered_share"] < LEAST_COVERED:
+        return f"{uncovered_sentence(score['covered_share'])} RMSE on the covered part {verdicts[0]['rmse_m']:.3f} m"
+    met = [verdict for verdict in verdicts if verdict["met"]]
+    row = met[-1] if met else verdicts[0]
+    words = "met, RMSE" if met else "not met, not even the loosest row: RMSE"
+    return (
+        f"{row['map_class']} at a {row['interval_m']:.4g} m interval ({row['standard']}) {words} "
+        f"{row['rmse_m']:.3f} m, limit {row['limit_m']:.4f} m"
+    )
+
+
+def class_met(content: dict[str, Any], wanted: str) -> bool:
+    """Return whether the map meets the loosest row of the wanted class, ``class-1`` to ``class-3``."""
+    verdicts = content.get("score", {}).get("verdicts", [])
+    return any(v["met"] for v in verdicts if v["map_class"].lower().replace(" ", "-") == wanted)
+
+
+def _score_against_raster(request: ScoreRequest) -> ScoreResult:
+    """Judge a map by a reference raster, in blocks where they are large."""
     if _is_large(request):
-        _print(request, _in_blocks(request), {})
-        return
+        return _raster_result(request, _in_blocks(request), {}, (), _no_report)
     import survey
 
     assert request.truth is not None
@@ -329,14 +448,31 @@ def score_against_raster(request: ScoreRequest) -> None:
     )
     area = None if request.area is None else survey.SurveyArea.read(request.area, crs=truth.crs)
     route = None if request.route is None else survey.Route.read(request.route)
-    score = survey.score(map_, truth=truth, route=route, area=area)
+    judged = survey.score(map_, truth=truth, route=route, area=area)
     classes = _classes(request, map_, truth, area)
-    _print(request, score, classes)
-    _print_datums(request, map_, truth)
-    _print_cells(request, map_, truth)
-    _print_age(request, map_)
-    if request.report is not None:
-        _write_report(request, (map_, truth), score, area, classes)
+    remarks = (*_datum_remark(map_, truth), *_cell_remark(map_, truth), *_age_remark(map_))
+    return _raster_result(
+        request,
+        judged,
+        classes,
+        remarks,
+        lambda: _reference_report(request, (map_, truth), judged, area, classes),
+    )
+
+
+def _raster_result(
+    request: ScoreRequest,
+    judged: "Score",
+    classes: Classes,
+    remarks: tuple[str, ...],
+    document: "Callable[[], Document]",
+) -> ScoreResult:
+    findings = (*class_lines(classes), best_class(judged.to_dict()), *remarks)
+    return ScoreResult(request=request, judged=judged, classes=classes, findings=findings, document=document)
+
+
+def _no_report() -> "Document":
+    raise CapacityError(f"rasters of more than {LARGE:,} cells have no report; cut them to the area.")
 
 
 def _is_large(request: ScoreRequest) -> bool:
@@ -381,77 +517,60 @@ def _classes(
     return scores_by_class(request, compared.errors, compared.std, mean.xy[compared.scored], truth)
 
 
-def _print(request: ScoreRequest, score: "Score", classes: Classes) -> None:
-    import json
-
-    from firnline.actions.missions import best_class
-
-    judged = score.to_dict()
-    if request.as_json:
-        by_class = {"classes": class_values(classes)} if classes else {}
-        typer.echo(json.dumps({**judged, **by_class}, indent=2))
-        return
-    print_statistics(judged["elevation"])
-    for line in class_lines(classes):
-        typer.echo(line)
-    typer.echo(best_class(judged))
-
-
-def _print_datums(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem") -> None:
-    """Print a note where one of map and reference alone states its vertical datum."""
+def _datum_remark(map_: "Reconstruction | Dem", truth: "Dem") -> list[str]:
+    """Return a note where one of map and reference alone states its vertical datum."""
     from survey import Dem
 
     mean = map_ if isinstance(map_, Dem) else map_.mean
-    if bool(mean.vertical_datum) != bool(truth.vertical_datum) and not request.as_json:
-        stated, unstated = ("map", "reference") if mean.vertical_datum else ("reference", "map")
-        typer.echo(
-            f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "
-            "tens of metres can hide there"
-        )
+    if bool(mean.vertical_datum) == bool(truth.vertical_datum):
+        return []
+    stated, unstated = ("map", "reference") if mean.vertical_datum else ("reference", "map")
+    return [
+        f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "
+        "tens of metres can hide there"
+    ]
 
 
-def _print_cells(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem") -> None:
-    """Print a note where the cells of the reference are wider than those of the map."""
+def _cell_remark(map_: "Reconstruction | Dem", truth: "Dem") -> list[str]:
+    """Return a note where the cells of the reference are wider than those of the map."""
     from survey import Dem
 
     step_m = (map_ if isinstance(map_, Dem) else map_.mean).step_m
-    if truth.step_m > _WIDER * step_m and not request.as_json:
-        typer.echo(
-            f"  note: the cells of the reference are {truth.step_m:g} m wide and those of the map {step_m:g} m; "
-            "relief between the cells of the reference counts as an error of the map"
-        )
+    if truth.step_m <= _WIDER * step_m:
+        return []
+    return [
+        f"  note: the cells of the reference are {truth.step_m:g} m wide and those of the map {step_m:g} m; "
+        "relief between the cells of the reference counts as an error of the map"
+    ]
 
 
-def _print_age(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
-    """Print the motion of the ice and for how long the map holds its class, where the map states them."""
+def _age_remark(map_: "Reconstruction | Dem") -> list[str]:
+    """Return the motion of the ice and for how long the map holds its class, where the map states them."""
     from survey import Dem
     from survey.scoring.standards.certificate import stated_age
 
-    age = None if isinstance(map_, Dem) or request.as_json else stated_age(map_)
-    if age is not None:
-        typer.echo(age)
+    age = None if isinstance(map_, Dem) else stated_age(map_)
+    return [] if age is None else [age]
 
 
-def _write_report(
+def _reference_report(
     request: ScoreRequest,
     compared: tuple["Reconstruction | Dem", "Dem"],
-    score: "Score",
+    judged: "Score",
     area: "SurveyArea | None",
     classes: Classes,
-) -> None:
+) -> "Document":
     from survey.reporting.accuracy.parts import ReportSetting
     from survey.reporting.accuracy.reference import reference_report
 
     assert request.truth is not None
     inputs = {"Map": request.source.name, "Reference": request.truth.name}
     setting = ReportSetting(request.source.stem, today(), inputs, request.language)
-    written(request, reference_report(setting, *compared, score, area=area, classes=classes))
+    return reference_report(setting, *compared, judged, area=area, classes=classes)
 
 
-def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
-    """Judge a map by checkpoints, print the findings, and write the report; exit code 5 where a wanted class is not met."""
-    import json
-
+def _score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") -> ScoreResult:
+    """Judge a map by checkpoints."""
     import survey
     from survey.scoring import compare, score_at
 
@@ -467,15 +586,14 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
         horizontal_class_m=request.horizontal_class_m,
     )
     classes = _classes_at_checkpoints(request, map_, dem, errors)
-    if request.as_json:
-        by_class = {"classes": class_values(classes)} if classes else {}
-        typer.echo(json.dumps({**judged.to_dict(), **by_class}, indent=2))
-    else:
-        _print_checkpoints(judged, classes)
-    if request.report is not None:
-        _write_checkpoint_report(request, dem, errors, judged, area, classes)
-    if any(finding.outcome == "not met" for finding in judged.assessments):
-        raise typer.Exit(NOT_MET)
+    return ScoreResult(
+        request=request,
+        judged=judged,
+        classes=classes,
+        findings=tuple(_checkpoint_findings(judged, classes)),
+        document=lambda: _checkpoint_document(request, dem, errors, judged, area=area, classes=classes),
+        meets=all(finding.outcome != "not met" for finding in judged.assessments),
+    )
 
 
 def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
@@ -512,30 +630,29 @@ def _classes_at_checkpoints(
     return scores_by_class(request, errors.errors_m, np.hypot(claimed, errors.sigma_z_m), xy, dem)
 
 
-def _print_checkpoints(judged: "CheckpointScore", classes: Classes) -> None:
-    print_statistics(judged.to_dict()["elevation"])
+def _checkpoint_findings(judged: "CheckpointScore", classes: Classes) -> list[str]:
+    """Return interval, points left out, classes and verdicts as lines."""
     low, high = judged.interval.low_m, judged.interval.high_m
-    typer.echo(fact_line("RMSE, 95 %", f"{low:.3f} to {high:.3f} m ({judged.interval.method})"))
+    lines = [fact_line("RMSE, 95 %", f"{low:.3f} to {high:.3f} m ({judged.interval.method})")]
     if judged.left_out:
-        typer.echo(f"no height at {', '.join(judged.left_out)}")
+        lines.append(f"no height at {', '.join(judged.left_out)}")
     if judged.n_outside:
-        typer.echo(f"{judged.n_outside} checkpoints lie outside the area that is judged and are left out")
-    for line in class_lines(classes):
-        typer.echo(line)
+        lines.append(f"{judged.n_outside} checkpoints lie outside the area that is judged and are left out")
+    lines += class_lines(classes)
     for finding in judged.assessments:
-        typer.echo(finding.sentence)
-        for caution in finding.cautions:
-            typer.echo(f"  note: {caution}")
+        lines += [finding.sentence, *(f"  note: {caution}" for caution in finding.cautions)]
+    return lines
 
 
-def _write_checkpoint_report(
+def _checkpoint_document(
     request: ScoreRequest,
     dem: "Dem",
     errors: "CheckpointErrors",
     judged: "CheckpointScore",
+    *,
     area: "SurveyArea | None",
     classes: Classes,
-) -> None:
+) -> "Document":
     from survey.reporting.accuracy.checkpoints import checkpoint_report
     from survey.reporting.accuracy.parts import ReportSetting
 
@@ -544,4 +661,4 @@ def _write_checkpoint_report(
         "Checkpoints": str(request.checkpoints and request.checkpoints.name),
     }
     setting = ReportSetting(request.source.stem, today(), inputs, request.language)
-    written(request, checkpoint_report(setting, dem, errors, judged, area=area, classes=classes))
+    return checkpoint_report(setting, dem, errors, judged, area=area, classes=classes)

@@ -2,19 +2,16 @@
 
 import csv
 import io
-import json
+from dataclasses import dataclass, replace
 from datetime import date
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import typer
-
 from firnline.actions.guaranteeing import drawing_of, prior_of
-from firnline.actions.interface import fact_line
-from firnline.actions.plan_request import PlanRequest
-from firnline.cli.outcome import NOT_MET
+from firnline.actions.interface import NotMetError, Progress, fact_line, no_progress
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
 
 if TYPE_CHECKING:
-    import survey
     from planners.guarantee.posterior.surfaces import Surface
     from planners.season.config import SeasonConfig
     from planners.season.design import SeasonDesign, SeasonOption
@@ -29,21 +26,62 @@ _CAUSES = {
 }
 
 
-def plan_season(request: PlanRequest) -> None:
-    """Write route, table and pictures of the best design, or end with exit code 5 where none gives the wanted error."""
+@dataclass(frozen=True, kw_only=True)
+class SeasonPlan(PlanResult):
+    """Design of two surveys of a season.
+
+    Parameters
+    ----------
+    design : SeasonDesign
+        The best design, and all others.
+    """
+
+    design: "SeasonDesign"
+
+    def write(self, out: Path | None = None) -> "SeasonPlan":
+        """Write route, map, table and errors; all replace what was there, or none does."""
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        _write(placed.request, placed.design, placed.drawing)
+        return placed
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, unit and the best design."""
+        return self.request.written | {"unit": self.design.config.unit} | _row(self.design, self.design.best)
+
+    def lines(self) -> list[str]:
+        """Return swaths, days and the error with its causes."""
+        from survey.core.quantity_text import length_text
+
+        config, best = self.design.config, self.design.best
+        first, second = self.design.dates(best)
+        days = "1 day" if best.n_days == 1 else f"{best.n_days} days"
+        causes = ", ".join(f"{_CAUSES[name]} {value:.3f}" for name, value in best.budget._asdict().items())
+        facts = {
+            "first survey": f"{first[0]} to {first[1]}",
+            "second survey": f"{second[0]} to {second[1]}",
+            "σ [m]": causes,
+            "assumed": f"melt of {config.melt_m_day:.3f} m of {config.density_kg_m3:.0f} kg/m³ a day, "
+            f"surface {config.surface}, {config.km_a_day:g} km a day",
+            "written to": self.request.written_text,
+        }
+        return [
+            f"{best.n_swaths} swaths, {length_text(best.length_m)} and {days} each time, with {best.n_stakes} stakes: "
+            f"± {best.error:.2g} {config.unit} (95 %), {config.wanted:g} wanted.",
+            *(fact_line(name, text) for name, text in facts.items()),
+        ]
+
+
+def plan_season(request: PlanRequest, progress: Progress = no_progress) -> SeasonPlan:
+    """Design two surveys; refuse where no design gives the wanted error."""
     from planners.season.design import design_season
 
+    del progress
     config = season_config(request)
     area, prior = prior_of(request)
     design = design_season(area, prior, config)
     if not design.holds:
-        typer.echo(_refusal(design), err=True)
-        raise typer.Exit(NOT_MET)
-    _write(request, design, area, prior)
-    if request.as_json:
-        typer.echo(json.dumps(request.written | {"unit": config.unit} | _row(design, design.best), indent=2))
-    else:
-        _print_design(request, design)
+        raise NotMetError(_refusal(design))
+    return SeasonPlan(request=request, route=design.route, drawing=drawing_of(area, prior), design=design)
 
 
 def season_config(request: PlanRequest) -> "SeasonConfig":
@@ -100,7 +138,7 @@ def _refusal(design: "SeasonDesign") -> str:
     largest = max(parts, key=lambda name: parts[name])
     unit = design.config.unit
     return (
-        f"firnline: ± {design.config.wanted:g} {unit} cannot be reached; {design.best.n_swaths} swaths with "
+        f"± {design.config.wanted:g} {unit} cannot be reached; {design.best.n_swaths} swaths with "
         f"{design.best.n_stakes} stakes give ± {design.best.error:.2g} {unit}, and the largest part of that is "
         f"{_CAUSES[largest]}; ask for a larger error or other dates."
     )
@@ -122,16 +160,13 @@ def _row(design: "SeasonDesign", option: "SeasonOption") -> dict[str, Any]:
     }
 
 
-def _write(
-    request: PlanRequest, design: "SeasonDesign", area: "survey.SurveyArea", prior: "survey.Dem"
-) -> None:
+def _write(request: PlanRequest, design: "SeasonDesign", drawing: PlanDrawing) -> None:
     """Write route, map, table and errors; all replace what was there, or none does."""
     from survey import figures
     from survey.core.files.replacing import replacing_files
     from survey.figures.season import season_plot
 
-    drawing = drawing_of(area, prior)
-    chart = figures.plan_map(area, design.route, terrain=drawing.terrain)
+    chart = figures.plan_map(drawing.area, design.route, terrain=drawing.terrain)
     errors: dict[int, list[tuple[int, float]]] = {}
     for one in design.options:
         errors.setdefault(one.n_stakes, []).append((one.n_swaths, one.error))
@@ -153,26 +188,3 @@ def _table(design: "SeasonDesign") -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def _print_design(request: PlanRequest, design: "SeasonDesign") -> None:
-    from survey.core.quantity_text import length_text
-
-    config, best = design.config, design.best
-    first, second = design.dates(best)
-    days = "1 day" if best.n_days == 1 else f"{best.n_days} days"
-    typer.echo(
-        f"{best.n_swaths} swaths, {length_text(best.length_m)} and {days} each time, with {best.n_stakes} stakes: "
-        f"± {best.error:.2g} {config.unit} (95 %), {config.wanted:g} wanted."
-    )
-    causes = ", ".join(f"{_CAUSES[name]} {value:.3f}" for name, value in best.budget._asdict().items())
-    facts = {
-        "first survey": f"{first[0]} to {first[1]}",
-        "second survey": f"{second[0]} to {second[1]}",
-        "σ [m]": causes,
-        "assumed": f"melt of {config.melt_m_day:.3f} m of {config.density_kg_m3:.0f} kg/m³ a day, "
-        f"surface {config.surface}, {config.km_a_day:g} km a day",
-        "written to": request.written_text,
-    }
-    for name, text in facts.items():
-        typer.echo(fact_line(name, text))

@@ -2,17 +2,24 @@
 
 import logging
 import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import typer
 
 import survey
-from firnline.actions.files import read_about
-from firnline.actions.interface import end_dry_run, fact_line, figure_lines
-from firnline.actions.mapping_request import ReconstructOptions
-from firnline.cli.progress import counted
+from firnline.actions.interface import (
+    Preview,
+    Progress,
+    Result,
+    fact_line,
+    figure_lines,
+    no_progress,
+    read_about,
+)
+from firnline.actions.requests import ReconstructRequest
 from survey.core.config import Section, validated, with_overrides
 from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
@@ -24,7 +31,8 @@ from survey.reconstruction.tiled.job import Control, TiledJob
 from survey.reconstruction.tiled.relief.long_relief import coarse_nodes
 from survey.reconstruction.tiled.request import fingerprint, tiled_job
 from survey.reconstruction.tiled.results import TiledResult
-from survey.reconstruction.tiled.survey_map import map_in_tiles, prior_on_nodes
+from survey.reconstruction.tiled.survey_map import map_in_tiles as make_map
+from survey.reconstruction.tiled.survey_map import prior_on_nodes
 
 OWN_FILES = (
     *("dem.vrt", "support.vrt", "coverage.tif", "reconstruction.json", "withheld.png"),
@@ -37,37 +45,119 @@ class _Settings(Section):
     tiles: TiledConfig
 
 
-def map_tiled(options: ReconstructOptions) -> None:
-    """Check the request, make the map or go on with it, and print it."""
-    _refuse_unused(options)
-    _prepare(options)
-    job = tiled_job(options.sources, options.out, _config(options), crs=options.crs, bounds=_bounds(options))
-    if options.control is not None:
-        job = job._replace(control=_control(options.control, job))
-    if options.prior is not None:
-        job = job._replace(prior=fingerprint(existing_file(options.prior, "the prior")))
-    facts = _facts(job)
-    if options.dry_run:
-        end_dry_run([options.out], facts)
-    options.out.mkdir(parents=True, exist_ok=True)
-    if options.prior is not None and not job.prior_file.exists():
-        _store_prior(options.prior, job)
-    if not options.quiet:
-        typer.echo(fact_line("work", "; ".join(facts.values())), err=True)
-    engine: Any = "dask" if options.scheduler else "serial" if options.workers == 1 else "processes"
-    workers = open_workers(engine, options.workers, options.scheduler)
-    with workers as run, counted(quiet=options.quiet) as progress:
-        result = map_in_tiles(job, run, progress)
-    _draw(result, options.out)
-    _print(result, job, options)
+@dataclass(frozen=True)
+class TiledMapResult(Result):
+    """A map in tiles, whose files are written while it is made.
+
+    Parameters
+    ----------
+    job : TiledJob
+        Layout and settings.
+    result : TiledResult
+        Record, and the test by withheld cells.
+    """
+
+    job: TiledJob
+    result: TiledResult
+
+    def write(self) -> "TiledMapResult":
+        """Draw the test by withheld cells beside the map.
+
+        Returns
+        -------
+        TiledMapResult
+            The same.
+        """
+        from survey.figures import png_bytes
+        from survey.figures.checks.withheld import withheld_plot
+
+        test, coverage = self.result.test, self.result.coverage
+        figure = withheld_plot(test.reliability, coverage.share, coverage.bounds)
+        (self.job.folder / "withheld.png").write_bytes(png_bytes(figure))
+        return self
+
+    def facts(self) -> dict[str, Any]:
+        """Return the record of the map."""
+        return self.result.facts
+
+    def as_json(self) -> str:
+        """Return the record of the map as it was written."""
+        return (self.job.folder / "reconstruction.json").read_text(encoding="utf-8")
+
+    def lines(self) -> list[str]:
+        """Return size, hyperparameters, strips and the share within the interval."""
+        extent, test, found = self.job.layout.extent, self.result.test, self.result.facts["diagnostics"]
+        place = self.job.folder / "dem.vrt"
+        lines = [
+            f"{extent.rows} × {extent.columns} cells in tiles, written to {place}",
+            *figure_lines(self.result.facts["hyperparameters"]),
+            fact_line("strips", f"{len(found['strips'])}, {found['n_overlap_blocks']} blocks of overlap"),
+        ]
+        if test.n:
+            share = 100.0 * test.coverage_95
+            lines.append(fact_line("withheld", f"{share:.1f} % of {test.n:,} cells within the 95 % interval"))
+        return lines
 
 
-def _config(options: ReconstructOptions) -> TiledConfig:
+def map_in_tiles(
+    request: ReconstructRequest,
+    progress: Progress = no_progress,
+    announce: Callable[[str], None] = lambda _: None,
+) -> TiledMapResult:
+    """Map point files of any size tile by tile, or go on with a map that was begun.
+
+    Parameters
+    ----------
+    request : ReconstructRequest
+        With ``tiles``.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+    announce : callable
+        Called with a line about the size of the work before it starts.
+
+    Returns
+    -------
+    TiledMapResult
+        The map, whose files are in the folder of the request.
+
+    Raises
+    ------
+    InputError
+        Options that maps in tiles do not use, a finished map, or input that cannot be used.
+    """
+    job = _checked_job(request)
+    request.out.mkdir(parents=True, exist_ok=True)
+    if request.prior is not None and not job.prior_file.exists():
+        _store_prior(request.prior, job)
+    announce(fact_line("work", "; ".join(_facts(job).values())))
+    engine: Any = "dask" if request.scheduler else "serial" if request.workers == 1 else "processes"
+    with open_workers(engine, request.workers, request.scheduler) as run:
+        return TiledMapResult(job, make_map(job, run, progress))
+
+
+def preview_tiles(request: ReconstructRequest) -> Preview:
+    """Read and check all input of a map in tiles, and return the size of the work."""
+    return Preview.of([request.out], _facts(_checked_job(request, removes=False)))
+
+
+def _checked_job(request: ReconstructRequest, *, removes: bool = True) -> TiledJob:
+    """Return the job of a request that was checked."""
+    _refuse_unused(request)
+    _prepare(request, removes=removes)
+    job = tiled_job(request.sources, request.out, _config(request), crs=request.crs, bounds=_bounds(request))
+    if request.control is not None:
+        job = job._replace(control=_control(request.control, job))
+    if request.prior is not None:
+        job = job._replace(prior=fingerprint(existing_file(request.prior, "the prior")))
+    return job
+
+
+def _config(options: ReconstructRequest) -> TiledConfig:
     given = {} if options.step_m is None else {"cell_m": options.step_m}
     return validated(_Settings, with_overrides({"tiles": given}, options.settings), "--set").tiles
 
 
-def _refuse_unused(options: ReconstructOptions) -> None:
+def _refuse_unused(options: ReconstructRequest) -> None:
     """Refuse options that maps in tiles do not use."""
     unused = {
         "--method": options.method,
@@ -83,12 +173,12 @@ def _refuse_unused(options: ReconstructOptions) -> None:
             raise InputError(f"maps in tiles do not use {name}; leave it out, or leave --tiles out.")
 
 
-def _prepare(options: ReconstructOptions) -> None:
+def _prepare(options: ReconstructRequest, *, removes: bool) -> None:
     """Refuse a finished map in the folder, or foreign files; remove what is there with --force."""
     from survey.core.files.replacing import refuse_foreign
 
     refuse_foreign(options.out, OWN_FILES)
-    if options.force and options.out.exists() and not options.dry_run:
+    if options.force and options.out.exists() and removes:
         shutil.rmtree(options.out)
     if (options.out / "reconstruction.json").exists():
         raise InputError(
@@ -96,7 +186,7 @@ def _prepare(options: ReconstructOptions) -> None:
         )
 
 
-def _bounds(options: ReconstructOptions) -> tuple[float, float, float, float] | None:
+def _bounds(options: ReconstructRequest) -> tuple[float, float, float, float] | None:
     """Return the box about the area that is named."""
     if options.area is None:
         return None
@@ -144,33 +234,3 @@ def _facts(job: TiledJob) -> dict[str, str]:
         "map": f"{extent.rows:,} × {extent.columns:,} cells of {job.layout.cell_m:g} m in {rows * columns} tiles",
         "disk": f"up to {disk_bytes(n_points, extent.rows * extent.columns) / 1e9:.3g} GB of disk while it runs",
     }
-
-
-def _draw(result: TiledResult, out: Path) -> None:
-    from survey.figures import png_bytes
-    from survey.figures.checks.withheld import withheld_plot
-
-    figure = withheld_plot(result.test.reliability, result.coverage.share, result.coverage.bounds)
-    (out / "withheld.png").write_bytes(png_bytes(figure))
-
-
-def _print(result: TiledResult, job: TiledJob, options: ReconstructOptions) -> None:
-    """Print what was made, for people or as JSON."""
-    if options.as_json:
-        typer.echo((options.out / "reconstruction.json").read_text(encoding="utf-8"))
-        return
-    extent = job.layout.extent
-    typer.echo(f"{extent.rows} × {extent.columns} cells in tiles, written to {options.out / 'dem.vrt'}")
-    for line in figure_lines(result.facts["hyperparameters"]):
-        typer.echo(line)
-    n_strips = len(result.facts["diagnostics"]["strips"])
-    typer.echo(
-        fact_line(
-            "strips", f"{n_strips}, {result.facts['diagnostics']['n_overlap_blocks']} blocks of overlap"
-        )
-    )
-    if result.test.n:
-        share = 100.0 * result.test.coverage_95
-        typer.echo(
-            fact_line("withheld", f"{share:.1f} % of {result.test.n:,} cells within the 95 % interval")
-        )

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 import typer
 from typer.core import TyperGroup
 
-from firnline.actions.interface import DryRun, Json, end_dry_run
+from firnline.actions.interface import Preview
 from firnline.cli.outcome import with_exit_codes
+from firnline.cli.request import DryRun, Json, print_result
 
 
 @with_exit_codes
@@ -112,12 +113,13 @@ def examples_folder() -> Path:
 
 
 def _copy(file: Path, target: Path, *, force: bool, dry_run: bool) -> None:
-    from firnline.actions.files import refuse_existing
+    from firnline.actions.interface import refuse_existing
     from survey.core.files.writing import replacing
 
     refuse_existing([target], force=force, inputs=[file])
     if dry_run:
-        end_dry_run([target])
+        print_result(Preview.of([target]))
+        return
     with replacing(target.resolve()) as draft:
         draft.write_bytes(file.read_bytes())
     typer.echo(f"{target} written; run: {_command(file)} {target}")

@@ -1,72 +1,21 @@
 """Commands of a rover on a link: ``upload``, ``download`` and ``rover``."""
 
-import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from firnline.actions.exporting import RouteOptions, route_with_surroundings
-from firnline.actions.files import refuse_existing
-from firnline.actions.interface import (
-    DryRun,
-    Json,
-    Patience,
-    Quiet,
-    System,
-    Url,
-    end_dry_run,
-    fact_line,
-    needs_live_extra,
-)
+from firnline.actions import exporting
+from firnline.actions.interface import needs_live_extra
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import with_options_of
-
-if TYPE_CHECKING:
-    from live.link.address import LinkAddress
-    from live.mission.autopilot_mission import AutopilotMission
-
-
-_MISSION_FILES = (".plan", ".waypoints")
-
-
-@dataclass(frozen=True, kw_only=True)
-class UploadRequest(RouteOptions):
-    """Options of the command."""
-
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Route (.geojson .gpkg .gpx .kml .csv .wkt), run folder, or mission of a ground station (.plan .waypoints), "
-            "which is sent as it is."
-        ),
-    ]
-    url: Url
-    rover: Annotated[
-        int | None, typer.Option("--rover", help="Rover of a route of several, counted from 0.")
-    ] = None
-    system: System = None
-    patience_s: Patience = 15.0
-    most_items: Annotated[
-        int | None,
-        typer.Option(
-            "--most-items",
-            min=1,
-            help="Largest number of items that the autopilot stores.  [default: ArduPilot 724, PX4 2000, others 65535]",
-        ),
-    ] = None
-    starts: Annotated[
-        bool, typer.Option("--start", help="Arm the rover and start the mission afterwards: it drives off.")
-    ] = False
-    dry_run: DryRun = False
-    as_json: Json = False
-    quiet: Quiet = False
+from firnline.cli.request import DryRun, Json, Quiet, print_result, with_options_of
 
 
 @with_exit_codes
-@with_options_of(UploadRequest)
-def upload(request: UploadRequest) -> None:
+@with_options_of(exporting.UploadRequest)
+def upload(
+    request: exporting.UploadRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
+) -> None:
     """Send a route to a rover over MAVLink, read it back and compare it item by item.
 
     For example:
@@ -80,95 +29,19 @@ def upload(request: UploadRequest) -> None:
     With an area the rover gets a fence as well, 10 m outside its outline, with the no-go zones. The rover exchanges its
     mission when the last item has come: an upload that ends early leaves the former one. Needs firnline[live].
     """
-    with needs_live_extra():
-        from live.link.address import LinkAddress
-
-        address, mission = LinkAddress.parsed(request.url), _mission(request)
-        if request.dry_run:
-            end_dry_run([], _storable_facts(mission, request.most_items) | {"would be sent to": address.text})
-        _print(*_upload(request, mission, address), as_json=request.as_json)
-
-
-def _mission(request: UploadRequest) -> "AutopilotMission":
-    """Read the mission of one rover."""
-    from live.mission.autopilot_mission import AutopilotMission
-    from survey.core.files.reading import existing_file
-    from survey.interchange.route_formats import part_of_rover
-
-    if request.source.suffix.lower() in _MISSION_FILES:
-        request.refuse_stated("a mission of a ground station is sent as it is")
-        return AutopilotMission.read(existing_file(request.source, "the mission"))
-    route, around = route_with_surroundings(request.source, request)
-    return AutopilotMission.of_route(part_of_rover(route, request.rover), around)
-
-
-def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:
-    """Return the numbers of items, and which autopilots hold them; refuse what no vehicle would hold."""
-    from live.link.vehicle import ARDUPILOT, NAMES, PX4
-    from live.mission.items import FENCE, MISSION
-    from live.mission.limits import limits_of, require_storable
-
-    items, fence = mission.link_items(0), mission.fence_items
-    require_storable(items, MISSION, most_items or limits_of(0).items)
-    require_storable(fence, FENCE, most_items or limits_of(0).fence_corners)
-    facts: dict[str, object] = {"items": len(items), "fence corners": len(fence)}
-    for autopilot in (ARDUPILOT, PX4):
-        most = limits_of(autopilot)
-        holds = len(mission.link_items(autopilot)) <= most.items and len(fence) <= most.fence_corners
-        words = f"at most {most.items} items and {most.fence_corners} fence corners by default"
-        facts[NAMES[autopilot]] = f"{'holds it' if holds else 'does not hold it'}: {words}"
-    return facts
-
-
-def _upload(
-    request: UploadRequest, mission: "AutopilotMission", address: "LinkAddress"
-) -> tuple[dict[str, object], str]:
-    """Upload, and return what the rover holds."""
-    from time import perf_counter
-
     from firnline.cli.progress import counted
-    from live.mission.upload import upload as sent
 
-    began = perf_counter()
-    with counted(quiet=request.quiet) as progress:
-        report = sent(
-            mission,
-            address,
-            patience_s=request.patience_s,
-            system=request.system,
-            most_items=request.most_items,
-            starts=request.starts,
-            progress=progress,
-        )
-    facts = {**report._asdict(), "seconds": round(perf_counter() - began, 2)}
-    return facts, "" if mission.fence else "the fence was left as it is; name an area with --area to send one"
-
-
-def _print(facts: dict[str, object], note: str, *, as_json: bool) -> None:
-    if as_json:
-        typer.echo(json.dumps(facts, indent=2))
+    if dry_run:
+        print_result(exporting.preview_upload(request))
         return
-    typer.echo("uploaded, read back and equal")
-    for name, value in facts.items():
-        typer.echo(fact_line(name.replace("_", " "), value))
-    if note:
-        typer.echo(fact_line("note", note))
+    with counted(quiet=quiet) as progress:
+        made = exporting.upload(request, progress)
+    print_result(made, as_json=as_json)
 
 
 @with_exit_codes
-def download(
-    url: Url,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Route to write: .geojson .gpkg .gpx .kml .csv .wkt .plan …")
-    ] = Path("downloaded.geojson"),
-    crs: Annotated[
-        str | None, typer.Option("--crs", help="Projected CRS of the route; its UTM zone when left out.")
-    ] = None,
-    system: System = None,
-    patience_s: Patience = 15.0,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    quiet: Quiet = False,
-) -> None:
+@with_options_of(exporting.DownloadRequest)
+def download(request: exporting.DownloadRequest, quiet: Quiet = False) -> None:
     """Read the mission that a rover holds, and write its waypoints as a route.
 
     For example:
@@ -179,18 +52,11 @@ def download(
 
     Needs firnline[live].
     """
-    refuse_existing([out], force=force, inputs=[])
-    with needs_live_extra():
-        from firnline.cli.progress import counted
-        from live.link.address import LinkAddress
-        from live.mission.download import downloaded_route
-        from survey.interchange.route_formats import write_plan
+    from firnline.cli.progress import counted
 
-        address = LinkAddress.parsed(url)
-        with counted(quiet=quiet) as progress:
-            route = downloaded_route(address, crs, patience_s=patience_s, system=system, progress=progress)
-        write_plan(route, out)
-    typer.echo(f"{out} written: {len(route.path())} waypoints, {route.ground_length_m:.0f} m")
+    with counted(quiet=quiet) as progress:
+        made = exporting.download(request, progress)
+    print_result(made.write())
 
 
 @with_exit_codes
