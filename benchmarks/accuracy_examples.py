@@ -9,8 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.standards.formulas import (
-    FOOT_M,
+from survey.scoring.standards.checkpoint_errors import rmse_factors
+from survey.scoring.standards.map_classes import map_classes
+from survey.scoring.standards.standards import _UNUSED_FOOT_M as FOOT_M
+from survey.scoring.standards.standards import (
+    CONTOURS,
+    SPOT_HEIGHTS,
     accuracy_r,
     accuracy_z,
     asprs_1990_horizontal_limit_m,
@@ -23,9 +27,6 @@ from survey.scoring.standards.formulas import (
     rmse_v,
     vva_limit_m,
 )
-from survey.scoring.standards.intervals import rmse_factors
-from survey.scoring.standards.map_classes import map_classes
-from survey.scoring.standards.standards import CONTOURS, SPOT_HEIGHTS
 
 
 class Example(NamedTuple):

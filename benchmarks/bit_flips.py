@@ -19,18 +19,17 @@ import numpy as np
 import survey
 from benchmarks.small_inputs import STUDY
 from firnline.actions.missions import logged_to
-from papers.study_cache import is_complete, record
+from papers.studies import is_complete, record
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.montecarlo.config import read_study
+from sim.montecarlo.results import read_trials
 from sim.montecarlo.study import run_study
-from sim.montecarlo.tables import read_trials
 from survey.core.config import validated
+from survey.core.documents import read_log, read_record
 from survey.core.errors import FirnlineError
-from survey.core.runs.log import read_log
-from survey.core.runs.manifest import read_record
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.run_folder import STAGES, RunFolder
 from survey.data.path_error import PathError
 from survey.io.arrays_file import read_npz, write_npz
 

@@ -14,12 +14,10 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.gp.volume import quadrature
-from survey.scoring.change.change import change
-from survey.scoring.change.models import change_of_models
-from survey.scoring.change.results import VolumeChange
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, quadrature
+from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.scoring.change.difference import change, change_of_models
+from survey.scoring.change.volume_change import VolumeChange
 
 UTM = "EPSG:32608"
 

@@ -16,8 +16,7 @@ import planners
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.reconstruction.gp.covariance.stationary import Stationary
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential, Stationary
 from survey.terrain import random_dem
 
 SIDE_M = 600.0

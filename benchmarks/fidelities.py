@@ -20,8 +20,8 @@ from planners import plan
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.instruments.gps import GPS_PROFILES
 from sim.mission.runs import read_mission
-from sim.simulate.statistical import simulate_statistical
-from sim.world.scenery import fine_terrain
+from sim.simulate.simulation import simulate_statistical
+from sim.world.fine_terrain import fine_terrain
 from sim.world.site import World, build_world
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -12,13 +12,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.io.pose_files import (
-    read_kitti,
-    read_tum,
-    write_kitti,
-    write_tum,
-)
-from survey.io.tracks import read_track, write_track
+from survey.io.trajectory_files import read_kitti, read_track, read_tum, write_kitti, write_track, write_tum
 
 UTM = "EPSG:32608"
 _WEST, _SOUTH = 500_000.0, 6_700_000.0

@@ -15,9 +15,9 @@ from benchmarks.gaussian_process_peers import against_peers
 from benchmarks.landmarks import SIZE_M, Site, landmarks
 from benchmarks.report import Row, cpu_seconds, fastest, main, peak_memory_mb
 from survey.core.arrays import FloatArray, IntArray
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 KERNEL = SquaredExponential(variance_m2=10.0, length_scale_m=17.75)
 AXIS = np.linspace(0.0, SIZE_M, 601)

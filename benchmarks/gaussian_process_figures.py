@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.gaussian_process_peers import Points
 from benchmarks.report import RESULTS, cpu_seconds
 from survey.core.arrays import FloatArray
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 mpl.use("Agg")
 

@@ -18,17 +18,16 @@ import numpy as np
 from pyproj import CRS
 
 from benchmarks.report import Row, main
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.io.rtklib import read_positions
+from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import localize
+from vision_slam.readers.gps_files import read_positions
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 _N_STRETCHES, _N_FIXES, _INTERVAL_S = 40, 40, 900.0

@@ -20,8 +20,8 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.gp.process import conditioned
 from survey.terrain import ice_micro_relief, random_dem, squared_exponential_field
 

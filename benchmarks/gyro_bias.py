@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation, Slerp
 from benchmarks.honest_missions.missions import SEEDS, driven
 from benchmarks.report import Row, main
 from survey.core.arrays import FloatArray
-from survey.data.camera.frames import Frames
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.sensors.records import Inertial, Wheels
 from survey.data.truth import Truth
-from vision_slam.io.sequence import ImageSequence
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.readers.sequence import ImageSequence
 
 _BIASES_DEG_S = (0.0, 0.4, 1.0)
 _SET_OFF_M, _CUT_S, _BEFORE_S = 2e-3, 10.0, 0.5

@@ -30,21 +30,20 @@ from benchmarks.image_surveys import EXAMPLES, _simulated
 from benchmarks.report import Row, cpu_seconds, main
 from benchmarks.stored_parts import code_digest
 from sim.config.mission import MissionConfig
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray
 from survey.data.path_error import PathError
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.checks.predictive import HeldOut, PredictiveCheck, PredictiveScores
-from survey.reconstruction.joint.checked_map import checked_map
+from survey.reconstruction.checks import HeldOut, PredictiveCheck, PredictiveScores
+from survey.reconstruction.joint.cross_validation import check_by_swaths, checked_map, held_out_swaths
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.left_out import check_by_swaths, held_out_swaths
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import certificate
 from vision_slam import LocalizationConfig, localize
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 from vision_slam.odometry.onboard import read_visual_odometry
 
 STORED = Path(tempfile.gettempdir()) / "firnline-held-out"

@@ -21,7 +21,7 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.grid import Grid
 from survey.terrain import ice_micro_relief
-from survey.terrain.micro_relief import (
+from survey.terrain.synthetic import (
     ACROSS_CRESTS_M,
     ALONG_CRESTS_M,
     CREST_AZIMUTH_DEG,

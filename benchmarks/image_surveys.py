@@ -22,7 +22,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
@@ -33,7 +33,7 @@ from vision_slam.odometry.visual_odometry import visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
-_ODOMETRY_CODE = ("vision_slam/odometry", "vision_slam/inertial", "vision_slam/rotation.py")
+_ODOMETRY_CODE = ("vision_slam/odometry", "vision_slam/inertial", "vision_slam/attitude.py")
 Profile = Literal["white", "gauss-markov-60", "gauss-markov-300"]
 
 

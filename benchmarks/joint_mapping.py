@@ -12,9 +12,22 @@ import numpy as np
 
 import planners
 from benchmarks.report import Row, fastest, main
-from papers.glacier.joint_cases import AREA, CASES, CRS, GRAVITY, KERNEL, NODES, SIDE_M, Case
-from papers.glacier.joint_map import SurveyOutcome, judged, mission_of, site, survey_once
-from sim.simulate.statistical import simulate_statistical
+from papers.glacier.joint_map import (
+    AREA,
+    CASES,
+    CRS,
+    GRAVITY,
+    KERNEL,
+    NODES,
+    SIDE_M,
+    Case,
+    SurveyOutcome,
+    judged,
+    mission_of,
+    site,
+    survey_once,
+)
+from sim.simulate.simulation import simulate_statistical
 from survey.data.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
@@ -22,7 +35,7 @@ from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.prior import SatelliteErrors
 from vision_slam import localize
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 
 FIRST_SEED = 6000
 TAUS_S = (60.0, 300.0)

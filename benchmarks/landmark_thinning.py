@@ -17,11 +17,11 @@ import planners
 import survey
 from benchmarks.report import Row, main
 from sim.config.mission import MissionConfig
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.core.arrays import IntArray
+from survey.data.landmarks import most_informative
 from survey.data.recording import Recording
-from survey.data.thinning import most_informative
 from survey.data.truth import Truth
 
 N_KEPT = 150

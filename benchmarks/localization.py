@@ -20,24 +20,23 @@ from scipy.stats import norm
 import planners
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import parts_folder, stored_rows
-from papers.glacier.joint_cases import AREA
-from papers.glacier.joint_map import site
+from papers.glacier.joint_map import AREA, site
 from planners import LawnmowerConfig
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.path_error import POSE
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.records import Inertial
 from survey.data.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
-from vision_slam.consistency import consistency
+from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
 from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 
 FIRST_SEED = 51_000
 _JUDGED = ("SBAS", "3 m, tau 60 s")

@@ -17,8 +17,8 @@ from benchmarks.localization import Run, survey
 from benchmarks.report import Row, main
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording, Recording
+from survey.data.sensors.odometry import Sightings
 from survey.data.sensors.records import SensorRecords
-from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 

@@ -16,17 +16,17 @@ import numpy as np
 from benchmarks.image_surveys import seen
 from benchmarks.odometry_errors import simulated_drive
 from benchmarks.report import Row, main
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.drive import align_heading
+from vision_slam.agreement.steps import align_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.pipeline import image_config
 

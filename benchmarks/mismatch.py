@@ -24,8 +24,8 @@ from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey.data.dem import Dem
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig

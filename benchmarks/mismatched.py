@@ -1,7 +1,6 @@
 """Missions whose estimator assumes errors of other sizes than the drawn ones."""
 
-from sim.config.mismatch import MismatchConfig
-from sim.config.mission import MissionConfig
+from sim.config.mission import MismatchConfig, MissionConfig
 
 
 def mismatched(mission: MissionConfig, seed: int) -> MissionConfig:

@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks.report import Row, fastest, main
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, Leg, Route
 from vision_slam import localize
 

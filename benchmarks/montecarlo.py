@@ -20,12 +20,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks.report import Row, cpu_seconds, main
-from sim.montecarlo.blocks import TrialBlock, blocks_of
-from sim.montecarlo.config import RandomKind, StudyConfig
-from sim.montecarlo.map_config import SearchedMap
+from sim.montecarlo.config import RandomKind, SearchedMap, StudyConfig, TrialBlock, blocks_of
 from sim.montecarlo.study import run_study
-from sim.montecarlo.terrains import TrialTerrains
-from sim.montecarlo.trials import routes, samples_of, survey_block
+from sim.montecarlo.trials import TrialTerrains, routes, samples_of, survey_block
 from survey.core.arrays import FloatArray
 from survey.core.executors import Engine, run_all
 

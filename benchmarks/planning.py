@@ -9,16 +9,16 @@ from shapely import LineString, Polygon
 
 import planners
 from benchmarks.report import Row, cpu_seconds, fastest, main
-from planners.driving.energy import Mobility, predicted
-from planners.driving.fleet import share
-from planners.driving.ordering import connect
-from planners.ground.transit import FreeGround
+from planners.routes.fleet import share
+from planners.routes.rover import Mobility, predicted
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import connect
 from planners.swaths.decomposition import swaths_on, unswept
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 SPACING_M = 20.0
 HEADING_DEG = 90.0

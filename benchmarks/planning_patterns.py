@@ -16,10 +16,10 @@ from collections.abc import Callable, Iterator, Sequence
 import planners
 from benchmarks.equal_error import AREA, FAMILIES, Curve, Family, RouteMaker, curve, pilot_kernel, ratios
 from benchmarks.report import Row, cpu_seconds, main
-from planners.prediction.choose import INSET_SHARE
+from planners.patterns.best import INSET_SHARE
 from survey import Dem, Route
 from survey.core.streams import stream
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.terrain import satellite_copy
 
 PILOT_SEED, JUDGED_SEED, NOISE_SEED = 900, 20_261, 77

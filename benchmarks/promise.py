@@ -28,23 +28,20 @@ from threadpoolctl import threadpool_limits
 import planners
 from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee
-from planners.guarantee.posterior.kernel_posterior import posterior_from_prior
-from planners.guarantee.posterior.prior_blocks import PriorBlocks
-from planners.guarantee.posterior.surfaces import Surface
-from planners.guarantee.requirement import MapRequirement
-from planners.prediction.error_model import places
+from planners.guarantee.kernel_posterior import posterior_from_prior
+from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.requirement import MapRequirement, Surface
+from planners.prediction import places
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.executors import run_all
 from survey.core.streams import stream
-from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import KernelSearch
+from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.gp.kernel_search import KernelSearch, mapped
 from survey.terrain import random_dem, satellite_copy
 
 JUDGED_SEED = 27_182

@@ -24,8 +24,8 @@ import numpy as np
 from benchmarks.fork_server import ForkServer
 from benchmarks.small_inputs import MISSION, STUDY, UTM
 from survey import Dem, Grid, SurfacePoints, SurveyArea
-from survey.core.files.reading import existing_file
-from survey.core.runs.store import RunFolder
+from survey.core.files import existing_file
+from survey.core.run_folder import RunFolder
 
 RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "replacing_kills.json"
 KILLED = 9

@@ -13,16 +13,15 @@ from scipy.signal import welch
 from benchmarks.report import Row, cpu_seconds, main
 from benchmarks.small_inputs import BARE_SCENERY
 from planners import Rover
-from sim.config.drive import PhysicsConfig
-from sim.config.scene import SceneryConfig
+from sim.config.rover import PhysicsConfig
 from sim.config.sensors import GpsConfig, InertialConfig, InstrumentsConfig
+from sim.config.world import SceneryConfig
+from sim.instruments.dead_reckoning import InertialUnit
 from sim.instruments.gps import GPS_PROFILES, GpsReceiver
-from sim.instruments.inertial import InertialUnit
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
-from sim.world.fine_terrain import FineTerrain
-from sim.world.scenery import fine_terrain
+from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -15,15 +15,20 @@ import numpy as np
 
 from benchmarks.report import Row, cpu_seconds, main
 from benchmarks.small_inputs import BARE_SCENERY
-from papers.glacier.images import clahe_yields, gains, mountain_trap
-from papers.glacier.photographs import compare_with_photographs
-from papers.glacier.snow_scenes import SKIES, SnowScene, at_contrast
-from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
-from sim.instruments.camera import rover_camera
+from papers.glacier.images import (
+    SKIES,
+    SnowScene,
+    at_contrast,
+    clahe_yields,
+    compare_with_photographs,
+    gains,
+    mountain_trap,
+)
+from sim.config.world import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.rendering import Renderer, RoverBox
+from sim.simulate.assembly import rover_camera
 from sim.world.appearance import grain_tile, surface_tile
-from sim.world.fine_terrain import FineTerrain
-from sim.world.scenery import fine_terrain
+from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem

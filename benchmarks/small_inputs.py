@@ -68,4 +68,4 @@ BARE_SCENERY = {
     "channels_per_ha": 0.0,
     "dirt_cones_per_ha": 0.0,
 }
-"""Settings of `sim.config.scene.SceneryConfig` for terrain without any scenery."""
+"""Settings of `sim.config.world.SceneryConfig` for terrain without any scenery."""

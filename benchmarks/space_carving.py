@@ -17,7 +17,7 @@ from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import BLOCK_M, REAL_SIGMA_M, SHARE
 from benchmarks.terrain_lattice_honesty import _real_scans as real_scans
-from papers.carving.bounds_and_timing import REGIMES, SEEDS, errors
+from papers.carving.comparison import REGIMES, SEEDS, errors
 from papers.carving.world import CRS, HALF_M, N_TRAIN, TERRAINS, ScanTrial
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream

@@ -27,11 +27,11 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
+from survey.reconstruction.hazards import steep_chords
 from survey.reconstruction.lattice.calibration import left_out_blocks
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.line_of_sight.ground import ground
-from survey.reconstruction.line_of_sight.steep_ground import steep_chords
+from survey.reconstruction.line_of_sight.returns import ground
 from survey.reconstruction.nodes import bilinear
 
 PACKAGES = ("numpy", "scipy", "numba")

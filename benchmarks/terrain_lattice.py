@@ -17,16 +17,25 @@ import numpy as np
 
 from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import honesty
-from papers.emap.octomap import OctoMapSurface
-from papers.emap.runs import EMAP, FIELD, OCTOMAP, OCTOMAP_COARSE, SCENARIOS, RunScore, below, run
+from papers.emap.runs import (
+    EMAP,
+    FIELD,
+    OCTOMAP,
+    OCTOMAP_COARSE,
+    SCENARIOS,
+    OctoMapSurface,
+    RunScore,
+    below,
+    run,
+)
 from papers.emap.world import N_RUNS, N_SCANS, EmapRun
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.multigrid.solver import Operator, solve
+from survey.reconstruction.lattice.field_posterior import Stiffness
+from survey.reconstruction.lattice.solver import Operator, solve
 from survey.reconstruction.lattice.spring_lattice import nearest_nodes
-from survey.reconstruction.lattice.stiffness import Stiffness
 
 PACKAGES = ("numpy", "scipy", "numba", "octomap-python")
 AGAINST_OCTOMAP = {"Raw": 50.0, "Nearest": 90.0, "Gaussian": 90.0, "CDF": 90.0}

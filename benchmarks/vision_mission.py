@@ -42,7 +42,7 @@ from survey.core.documents import read_json
 from survey.core.errors import CapacityError
 from survey.data.recording import Recording
 from survey.data.route import Route
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain

@@ -24,20 +24,19 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import parts_folder, stored_rows
-from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
-from sim.instruments.suite import SensorFaults
-from sim.simulate.faults import Faults
+from sim.config.sensors import FaultConfig
+from sim.instruments.registry import SensorFaults
+from sim.simulate.assembly import Faults
 from sim.simulate.vision import simulate_vision
 from sim.world.site import build_world
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.config import validated
-from survey.data.camera.frames import Frames, Image
-from survey.data.legs import Leg
+from survey.data.frames import Frames, Image
 from survey.data.recording import Recording
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.drive import align_heading
+from vision_slam.agreement.steps import align_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry

@@ -32,17 +32,17 @@ from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import parts_folder, stored
 from survey.core.arrays import FloatArray
-from survey.data.camera.frames import Frames, Image
 from survey.data.dem import Dem
+from survey.data.frames import Frames, Image
 from survey.data.recording import Recording
 from survey.data.trajectory import Trajectory
+from vision_slam.config import VisualOdometryConfig
 from vision_slam.evaluation import absolute_errors_m
-from vision_slam.inertial.motion import MotionSensors
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import scale_by_reference
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.keyframes.window import half_turned
+from vision_slam.motion import MotionSensors
+from vision_slam.odometry.bundle_adjustment import half_turned
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.readers.folders import read_sequence
+from vision_slam.readers.sequence import scale_by_reference
 
 # The settings were chosen on seeds 11 to 13 and 21 to 25. With seed 28 the rover is stuck on a hummock for good after
 # 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off.

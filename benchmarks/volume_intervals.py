@@ -16,12 +16,12 @@ from scipy.fft import irfft2, rfft2
 from benchmarks.change_worlds import Judged, judged
 from benchmarks.report import Row, main
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.map_scale import areal_factors, ground_area_m2
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.scoring.change.change import change
+from survey.scoring.change.difference import change
 
 _FIRST_SEED = 93_000
 _FILTERS_CELLS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)

@@ -18,14 +18,14 @@ from firnline.actions.scoring import ScoreRequest, score
 from planners.guarantee.requirement import MapRequirement
 from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
-from survey.core.files.writing import replacing
-from survey.core.quantity_text import length_text, round_number
+from survey.core.files import replacing
+from survey.core.text import length_text, round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.scoring import Checkpoints, CheckpointScore
-from survey.scoring.standards.certificate import own_claim
+from survey.scoring.standards.map_classes import own_claim
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
 _MOST_LETTERS = 60

@@ -13,15 +13,15 @@ from desk.terrain.tiles import picture
 from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from survey.core.config import read_toml
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.documents import read_json
 from survey.core.errors import FirnlineError, InputError
-from survey.core.quantity_text import length_text, round_number
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
+from survey.core.text import length_text, round_number
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.truth import Truth
-from survey.reconstruction.base import MEASURED, SUPPORT_NAMES, Reconstruction
+from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES, Reconstruction
 
 _PATTERNS = ("*_mission/runs/*/*/manifest.json", "runs/*/*/manifest.json", "results/runs/*/*/manifest.json")
 _MOST_RUNS = 30

@@ -68,7 +68,7 @@ def _of_mission(source: Path, folder: Path) -> Workspace:
 
 def _of_run(source: Path, folder: Path) -> Workspace:
     from sim.mission.runs import read_mission
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
     from survey.data.area import SurveyArea
     from survey.data.dem import Dem
 
@@ -91,7 +91,7 @@ def _workspace(
 
 def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:
     """Return the survey of a mission, with the settings that differ from their defaults."""
-    from planners.driving.rover import Rover
+    from planners.routes.rover import Rover
 
     planner = mission.planner.model_dump(mode="json", exclude_defaults=True)
     rover = mission.rover.model_dump(mode="json", exclude_defaults=True, include=set(Rover.model_fields))

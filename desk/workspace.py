@@ -14,7 +14,7 @@ from desk.plan.history import SUFFIX, StoredHistory
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from firnline.actions.interface import own_crs
-from survey.core.map_scale.factors import MapScale
+from survey.core.map_scale import MapScale
 from survey.data.dem import Dem
 
 if TYPE_CHECKING:

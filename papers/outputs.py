@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.text import csv_cell
 from survey.figures.style import png_bytes
 

@@ -1,10 +1,28 @@
-"""Configurations of planners; lengths in metres on the ground, angles in degrees."""
+"""Settings of planners, and their lengths in the metres of the map.
 
-from typing import TYPE_CHECKING, Literal, Self
+The classes hold the settings that several patterns share; each pattern adds its own in `planners.patterns`. Lengths
+are metres on the ground, angles are degrees. Geometry is computed in the metres of the area's CRS (grid metres).
+Where the linear scale factor of the projection is within 1 % of 1, as in UTM zones and most national grids, settings
+are taken as grid metres. Elsewhere `in_grid_metres` multiplies them by the mean factor over the area. Lengths, times
+and energies of a planned route are always those on the ground.
+"""
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from typing import TYPE_CHECKING, Literal, Self, TypeVar
+
+from pydantic import (
+    BaseModel,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
 
 from survey.core.config import Section
+from survey.core.map_scale import NOTABLE, MapScale
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
 
 Corner = Literal["south-west", "south-east", "north-west", "north-east"]
 HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]
@@ -48,125 +66,90 @@ class SwathConfig(PatternConfig):
         return self
 
 
-class LawnmowerConfig(SwathConfig):
-    """Straight swaths at ``(i + 1/2) L / n``, driven back and forth from border to border (glacier paper, III.A).
+_HORIZONTAL = (
+    "spacing_m",
+    "wavelength_m",
+    "step_m",
+    "budget_m",
+    "turn_radius_m",
+    "clearance_m",
+    "separation_m",
+    "sample_step_m",
+    "max_roughness_m",
+    "speed_m_s",
+)
+"""Settings that grow with the unit of the map. Heights count in it too where slopes are taken."""
 
-    With an ``inset_share`` of about 0.5 the rover no longer drives to the fence, where
-    half of what it could measure lies outside: 10 to 35 % less distance for the same map.
+AnyModel = TypeVar("AnyModel", bound=BaseModel)
+
+
+def settings_factor(area: SurveyArea) -> float:
+    """Return the factor that turns metres of settings into grid metres.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        What is to be surveyed.
+
+    Returns
+    -------
+    float
+        1 where the mean linear scale factor over the area is within 1 % of 1, else that factor.
 
     Examples
     --------
-    >>> LawnmowerConfig(swaths=4).inset_share
-    0.0
+    >>> settings_factor(SurveyArea.rectangle((499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0), "EPSG:32608"))
+    1.0
+    >>> settings_factor(SurveyArea.rectangle((0.0, 8_399_000.0, 1000.0, 8_400_000.0), "EPSG:3857"))
+    1.99
     """
+    mean = MapScale.over(area.crs, area.bounds).linear.mean
+    return 1.0 if abs(mean - 1.0) <= NOTABLE else mean
 
-    pattern: Literal["lawnmower"] = "lawnmower"
-    """Name of the pattern."""
 
+def in_grid_metres(settings: AnyModel, factor: float) -> AnyModel:
+    """Return settings with their horizontal lengths in grid metres.
 
-class WavyConfig(SwathConfig):
-    """Swaths that wind about their lines, so that they also measure how the terrain changes across them.
+    Parameters
+    ----------
+    settings : pydantic.BaseModel
+        Lengths are the fields named in this module, such as ``spacing_m``; None is left as it is.
+    factor : float
+        As `settings_factor` returns it.
 
-    The defaults were chosen on random terrain of five kinds, with and without noise, other
-    than the terrain on which the benchmark judges them.
+    Returns
+    -------
+    pydantic.BaseModel
+        The same object for a factor of 1.
+
+    Examples
+    --------
+    >>> from planners.patterns.lawnmower import LawnmowerConfig
+    >>> in_grid_metres(LawnmowerConfig(spacing_m=50.0), 2.0).spacing_m
+    100.0
     """
-
-    pattern: Literal["wavy"] = "wavy"
-    """Name of the pattern."""
-    outer_share: float = Field(default=0.35, gt=0.0, le=1.0)
-    """Distance of the outermost lines from the border, in spacings."""
-    inset_share: NonNegativeFloat = 0.25
-    """How far swaths end before the border, in spacings."""
-    steepness: float = Field(default=0.6, ge=0.0, le=2.0)
-    """Greatest slope of the wave against its line; 0.6 turns the rover by 31° and makes swaths 8 % longer."""
-    amplitude_share: float = Field(default=0.25, ge=0.0, le=0.5)
-    """Greatest distance from the line, in spacings."""
-    wavelength_m: PositiveFloat | None = None
-    """Length of a wave [m]; `wavelength_scales` slope lengths of the terrain when left out."""
-    wavelength_scales: PositiveFloat = 0.85
-    """Length of a wave in slope lengths: ℓ of a squared exponential, ℓ/√3 of a Matérn 3/2 covariance."""
+    if factor == 1.0:
+        return settings
+    lengths = {name: getattr(settings, name) for name in _HORIZONTAL if name in type(settings).model_fields}
+    changed = {name: factor * value for name, value in lengths.items() if value is not None}
+    return settings.model_copy(update=changed)
 
 
-class SteeredConfig(SwathConfig):
-    """Swaths that the rover deviates from while it drives."""
+def dem_in_grid_metres(dem: Dem | None, factor: float) -> Dem | None:
+    """Return a DEM with heights in grid metres, so that its slopes are those of the ground.
 
-    step_m: PositiveFloat = 10.0
-    """Distance driven between two decisions [m]."""
-    candidates_deg: tuple[float, ...] = Field(default=(-45.0, 0.0, 45.0), min_length=1, strict=False)
-    """Headings to choose from, counter-clockwise from the swath's, within 80° of it [deg]."""
-    toggle_probability: float = Field(default=0.1, ge=0.0, le=1.0)
-    """Chance per step that the rule is switched."""
-    band_share: float = Field(default=0.5, ge=0.0, le=0.5)
-    """Greatest distance from the swath, in spacings."""
+    Parameters
+    ----------
+    dem : Dem or None
+        Heights in metres.
+    factor : float
+        As `settings_factor` returns it.
 
-    @model_validator(mode="after")
-    def _forward(self) -> Self:
-        if max(abs(candidate) for candidate in self.candidates_deg) > 80.0:
-            raise ValueError(
-                "candidates_deg must lie within 80 degrees of the swath, or the rover would not advance"
-            )
-        return self
-
-
-class PiecewiseContinuousConfig(SteeredConfig):
-    """The glacier paper's second pattern (Eq. 10): steepest ascent or descent about a swath, switched at random.
-
-    The paper leaves step, candidates, switching and bounds open; these are the values
-    read into it. The route is made while driving: see `planners.steering.steering`.
+    Returns
+    -------
+    Dem or None
+        The same object for a factor of 1.
     """
-
-    pattern: Literal["piecewise-continuous"] = "piecewise-continuous"
-    """Name of the pattern."""
-
-
-class RandomWanderConfig(SteeredConfig):
-    """Control of the piecewise-continuous pattern: the same steps and turns, chosen at random."""
-
-    pattern: Literal["random-wander"] = "random-wander"
-    """Name of the pattern."""
-
-
-class VarianceDrivenConfig(PatternConfig):
-    """A path that goes where the map is predicted to be least certain; give a budget or a wanted error."""
-
-    pattern: Literal["variance-driven"] = "variance-driven"
-    """Name of the pattern."""
-    budget_m: PositiveFloat | None = None
-    """Distance that may be driven [m]; give this or `rmse_m`."""
-    rmse_m: PositiveFloat | None = None
-    """Predicted root-mean-square error to reach [m]."""
-    n_places: int = Field(default=12, ge=3, le=40)
-    """Number of candidate waypoints along the longer side of the area."""
-    start: Corner | None = None
-    """Corner to begin at; the one nearest to the area's first start, else the south-western one."""
-
-    @model_validator(mode="after")
-    def _one_of_two(self) -> Self:
-        if (self.budget_m is None) == (self.rmse_m is None):
-            raise ValueError("give either budget_m or rmse_m")
-        return self
-
-
-class BestConfig(PatternConfig):
-    """The swaths of least predicted error: straight or wavy, their heading, inset and spacing are chosen."""
-
-    pattern: Literal["best"] = "best"
-    """Name of the pattern."""
-    swaths: PositiveInt | None = None
-    """As far as the plain lawnmower of so many swaths drives; give this or one of the next three."""
-    spacing_m: PositiveFloat | None = None
-    """As far as the plain lawnmower of this spacing drives [m]."""
-    budget_m: PositiveFloat | None = None
-    """Distance that may be driven [m]."""
-    rmse_m: PositiveFloat | None = None
-    """Predicted root-mean-square error to reach by the shortest route [m]."""
-    heading_deg: float | None = None
-    """Direction of the swaths [deg]; four headings are compared when left out."""
-    start: Corner | None = None
-    """Corner of the first swath."""
-
-    @model_validator(mode="after")
-    def _one_of_four(self) -> Self:
-        if [self.swaths, self.spacing_m, self.budget_m, self.rmse_m].count(None) != 3:
-            raise ValueError("give one of swaths, spacing_m, budget_m and rmse_m")
-        return self
+    if dem is None or factor == 1.0:
+        return dem
+    return Dem(factor * dem.elevation, dem.transform, dem.crs, dem.vertical_datum)

@@ -14,7 +14,7 @@ from planners.patterns.planner import Planner
 from planners.patterns.random_wander import RANDOM_WANDER
 from planners.patterns.variance_driven import VARIANCE_DRIVEN
 from planners.patterns.wavy import WAVY
-from planners.steering.steering import Steering
+from planners.steering import Steering
 from survey.core.config import Section, validated
 from survey.core.errors import ConfigError
 

@@ -1,16 +1,21 @@
-"""Trajectory evaluation: absolute and relative errors, alignment, consistency."""
+"""Trajectory evaluation: absolute and relative errors, alignment, consistency of covariances.
+
+`trajectory_error` compares two trajectories in one CRS without alignment. `alignment` finds the least-squares similarity
+transform between matched positions (Umeyama 1991). `consistency` tests the normalised squared errors of independent runs
+against the χ² distribution (Bar-Shalom et al. 2001, section 5.4.2).
+"""
 
 from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.special import gammaincinv
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.trajectory import Trajectory
-from vision_slam.alignment import alignment
 
 
 @dataclass(frozen=True)
@@ -213,3 +218,136 @@ def match_times(
     nearest = np.where(before_is_nearer, after - 1, after.clip(max=len(second_s) - 1))
     keep = np.flatnonzero(np.abs(second_s[nearest] - first_s) <= within_s)
     return keep.astype(np.int64), nearest[keep].astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Similarity transform x → s R x + t from one trajectory to another."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    scale: float
+
+    def applied(self, position: FloatArray) -> FloatArray:
+        """Apply the transform to positions (N, 3).
+
+        Parameters
+        ----------
+        position : (N, 3) ndarray
+            Positions [m].
+
+        Returns
+        -------
+        (N, 3) ndarray
+            Transformed positions [m].
+        """
+        moved: FloatArray = self.scale * position @ self.rotation.T + self.translation
+        return moved
+
+
+def alignment(
+    estimate: FloatArray, reference: FloatArray, kind: Literal["none", "se3", "sim3"] = "sim3"
+) -> Alignment:
+    r"""Find the least-squares similarity between matched positions (N, 3) (Umeyama 1991, Eqs. 40-42).
+
+    With Σ the covariance of reference and estimate, UDVᵀ its singular values and S the
+    identity whose last entry is the sign of det(U) det(V),
+
+    .. math:: R = U S Vᵀ, \quad s = tr(D S) / σ²_{estimate}, \quad t = μ_{reference} − s R μ_{estimate}
+
+    ``"se3"`` sets s = 1; ``"none"`` aligns nothing.
+
+    Parameters
+    ----------
+    estimate, reference : (N, 3) ndarray
+        Matched positions [m].
+    kind : {"none", "se3", "sim3"}
+        Group of the transform.
+
+    Returns
+    -------
+    Alignment
+        Transform from the estimate to the reference.
+
+    Raises
+    ------
+    InputError
+        Different shapes, or places that are all the same or on a line, which fix no rotation.
+
+    Examples
+    --------
+    >>> places = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    >>> alignment(places, 2.0 * places + 5.0).scale
+    2.0
+    """
+    if estimate.shape != reference.shape or estimate.ndim != 2 or estimate.shape[1] != 3:
+        raise InputError(
+            f"places of the shapes {estimate.shape} and {reference.shape} cannot be compared; match them by time first."
+        )
+    if kind == "none":
+        return Alignment(np.eye(3), np.zeros(3), 1.0)
+    of_estimate, of_reference = estimate.mean(axis=0), reference.mean(axis=0)
+    spread = estimate - of_estimate
+    u, d, vt = np.linalg.svd((reference - of_reference).T @ spread / len(estimate))
+    if np.count_nonzero(d > 1e-12 * max(d[0], 1e-300)) < 2:
+        raise InputError("the trajectories run along a line or stand still; no rotation can be fitted.")
+    mirror = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = (u * mirror) @ vt
+    scale = float(d @ mirror / np.mean((spread**2).sum(axis=1))) if kind == "sim3" else 1.0
+    return Alignment(rotation, of_reference - scale * rotation @ of_estimate, scale)
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Mean normalised squared error and the band of consistent covariances.
+
+    For errors of D dimensions from N independent runs, N times the mean is χ²(N D) when
+    the covariances are right; the band holds `probability` of that (Bar-Shalom et al.
+    2001, section 5.4.2).
+    """
+
+    mean: float
+    lowest: float
+    highest: float
+
+    @property
+    def is_honest(self) -> bool:
+        """Whether the mean lies inside the band."""
+        return self.lowest <= self.mean <= self.highest
+
+
+def consistency(errors: FloatArray, covariances: FloatArray, probability: float = 0.95) -> Consistency:
+    """Test errors (N, D) against their claimed covariances (N, D, D).
+
+    The errors must be of independent runs: poses of one drive share their drift, and the
+    band would be far too narrow for them.
+
+    Parameters
+    ----------
+    errors : (N, D) ndarray
+        Errors of N independent runs.
+    covariances : (N, D, D) ndarray
+        Their claimed covariances.
+    probability : float
+        Probability of the band.
+
+    Returns
+    -------
+    Consistency
+        Mean and band.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> errors = rng.normal(0.0, 2.0, (200, 3))
+    >>> consistency(errors, np.tile(4.0 * np.eye(3), (200, 1, 1))).is_honest
+    True
+    >>> consistency(errors, np.tile(1.0 * np.eye(3), (200, 1, 1))).is_honest
+    False
+    """
+    n, dimensions = errors.shape
+    squared = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+    tail = 0.5 * (1.0 - probability)
+    # Quantiles of χ² with this many degrees of freedom.
+    lowest, highest = 2.0 * gammaincinv(0.5 * n * dimensions, [tail, 1.0 - tail]) / n
+    return Consistency(float(squared.mean()), float(lowest), float(highest))

@@ -1,18 +1,27 @@
-"""Localization pipeline: one list of steps from a recording to a path and landmarks."""
+"""Localization pipeline: one list of steps from a recording to a path and landmarks.
+
+`localize` runs visual odometry, the checks of odometry against fixes, loop closures and the batch smoother.
+`localize_on_ice` repeats it in the frame of the ice at an epoch, and estimates the motion of the ice with the path. A
+recording without images and odometry is a kinematic GPS survey.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 
 from survey.core.arguments import check_types
-from survey.core.arrays import BoolArray, Progress
+from survey.core.arrays import BoolArray, FloatArray, Progress
 from survey.core.errors import InputError
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from vision_slam.agreement.drive import Drive
+from survey.reconstruction.motion.epoch import in_ice_frame
+from survey.reconstruction.motion.stakes import motion_with_stakes
 from vision_slam.agreement.sanity_checks import refuse_swapped_images
+from vision_slam.agreement.scale import refuse_short_fixes, refuse_untracked
 from vision_slam.agreement.steps import (
+    Drive,
     align_drive,
     check_shape,
     check_start,
@@ -27,18 +36,15 @@ from vision_slam.agreement.steps import (
     scale_to_fixes,
     widen_errors,
 )
-from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig
-from vision_slam.fusion.landmarks import place_landmarks
-from vision_slam.fusion.receiver.base_station import stated_errors
-from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.fusion.visual_scale import refuse_short_fixes, refuse_untracked
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.localization import Localization
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.attitude import quaternions
+from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig, VisualOdometryConfig
+from vision_slam.drive_estimate import Localization
+from vision_slam.fusion.error_terms import stated_errors
+from vision_slam.fusion.smoother import SmoothedPath, place_landmarks, smooth
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.places.loop_closures import detect_loop_closures
-from vision_slam.rotation import quaternions
 
 _DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 
@@ -89,7 +95,7 @@ def localize(
 
     Examples
     --------
-    >>> from survey.data.sensors.aiding import GpsFixes
+    >>> from survey.data.sensors.records import GpsFixes
     >>> times = np.arange(3.0)
     >>> place = np.column_stack([times, np.zeros(3), np.zeros(3)]) + [5e5, 6e6, 100.0]
     >>> survey = Recording("EPSG:32608", place[0], GpsFixes(times, place), antenna_height_m=1.5)
@@ -266,3 +272,79 @@ def kinematic_survey(recording: Recording, config: LocalizationConfig) -> Locali
         vertical_datum=recording.vertical_datum,
     )
     return Localization(trajectory, points, n_fixes=len(ground))
+
+
+# Checks of start, gates and memory of the fixes take the motion for exact: they are repeated about the motion that was
+# found where this moves a fix by more than this share of its claimed error.
+_CLOSE = 0.1
+_MOST_PASSES = 4
+
+
+@check_types
+def localize_on_ice(
+    recording: Recording,
+    motion: IceMotion,
+    config: LocalizationConfig | None = None,
+    *,
+    visual: VisualOdometry | None = None,
+    progress: Progress | None = None,
+) -> Localization:
+    """Estimate the path of a rover on moving ice, its landmarks and the motion of the ice.
+
+    Parameters
+    ----------
+    recording : Recording
+        Records of one drive, in fixed coordinates; repeated surveys of stakes count as measurements of the motion.
+    motion : IceMotion
+        Prior of the motion, with the epoch.
+    config : LocalizationConfig, optional
+        Errors assumed of the sensors.
+    visual : VisualOdometry, optional
+        Visual odometry of the images of this recording; computed where left out.
+    progress : callable, optional
+        Progress callback (stage, done, total) of the images.
+
+    Returns
+    -------
+    Localization
+        Path and landmarks at the epoch, and `Localization.ice_motion`. A place of the path at its own time is that of
+        the epoch plus `IceMotion.displacement`.
+
+    Raises
+    ------
+    InputError
+        As `vision_slam.localize`.
+    """
+    settings = config or LocalizationConfig()
+    if visual is None and recording.odometry is None and recording.frames is not None:
+        visual = process_images(recording, None, progress)
+    if recording.stake_surveys is not None:
+        motion = motion_with_stakes(motion, recording.stake_surveys)
+    about = motion.about(motion.expected)
+    for _ in range(_MOST_PASSES):
+        reduced = in_ice_frame(recording, about)
+        found = localize(reduced, settings, visual=visual)
+        if found.ice_motion is None or _most_moved_m(
+            about, found.ice_motion, recording
+        ) < _CLOSE * _claimed_m(settings):
+            break
+        about = about.about(_unknowns(about, found.ice_motion))
+    return found
+
+
+def _unknowns(about: IceMotion, found: IceMotion) -> FloatArray:
+    """Return the unknowns (R,) that lead from one estimate to another with the same modes."""
+    apart = (found.coefficients - about.coefficients).ravel()
+    return np.asarray(np.linalg.lstsq(about.modes, apart)[0], dtype=np.float64)
+
+
+def _most_moved_m(about: IceMotion, found: IceMotion, recording: Recording) -> float:
+    """Return how far the motion that was found moves a fix from where it was taken to be, at most [m]."""
+    ends = recording.gps.time_s[[0, -1]]
+    places = recording.gps.position[[0, -1], :2]
+    apart = found.displacement(places, ends) - about.displacement(places, ends)
+    return float(np.abs(apart).max())
+
+
+def _claimed_m(config: LocalizationConfig) -> float:
+    return float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))

@@ -7,15 +7,15 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
-from vision_slam.inertial.attitude import initial_pose
-from vision_slam.inertial.motion import MotionSensors
-from vision_slam.io.sequence import VisionRecords
-from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.attitude import initial_pose
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.motion import MotionSensors
+from vision_slam.odometry.tracks import ContrastEnhancer, grey_of
 from vision_slam.odometry.visual_slam import VisualSlam
+from vision_slam.readers.sequence import VisionRecords
 
 _N_FOLLOWED = 10  # images over which corners are followed
 _N_DRAWN = 6  # of each corner's places, so that lines stay apart

@@ -11,25 +11,28 @@ import numpy as np
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.ice.motion import IceMotion
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from survey.data.trajectory import Trajectory
 from vision_slam.agreement.sanity_checks import refuse_swapped_images
-from vision_slam.comparison import Comparison, compare_aligned, compare_from_start, compare_in_crs
-from vision_slam.config import LocalizationConfig
-from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.agreement.scale import refuse_untracked
+from vision_slam.config import LocalizationConfig, VisualOdometryConfig
+from vision_slam.drive_estimate import (
+    Comparison,
+    DriveEstimate,
+    compare_aligned,
+    compare_from_start,
+    compare_in_crs,
+)
 from vision_slam.fusion.online import predicted_covariance
-from vision_slam.fusion.visual_scale import refuse_untracked
-from vision_slam.io.gps_files import is_receiver_file, read_gps
-from vision_slam.io.references import is_kitti, read_poses
-from vision_slam.io.sequence import ImageSequence
-from vision_slam.moving_ice.estimate import localize_on_ice
-from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.pipeline import image_config, localize, process_images
+from vision_slam.pipeline import image_config, localize, localize_on_ice, process_images
+from vision_slam.readers.datasets import is_kitti, read_poses
+from vision_slam.readers.gps_files import is_receiver_file, read_gps
+from vision_slam.readers.sequence import ImageSequence
 
 logger = logging.getLogger(__name__)
 _UNIT = 1e-6
@@ -228,7 +231,7 @@ class RecordedDrive:
         ----------
         path : Path
             KITTI ``poses.txt``, one pose for each image. Else ``.csv`` or ``.tum`` in the CRS of the
-            recording, or the file of a receiver that `vision_slam.io.gps_files.read_gps` reads, such
+            recording, or the file of a receiver that `vision_slam.readers.gps_files.read_gps` reads, such
             as a table of RTK fixes on the clock of the recording; for images alone TUM in a frame of
             its own.
 

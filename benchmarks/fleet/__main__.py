@@ -25,7 +25,7 @@ from benchmarks.fleet import hazard_maps, image_missions, joint_maps, lost_rover
 from benchmarks.moving_ice.chance import interval_of_mean
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
-from survey.reconstruction.checks.rmse_claim import CONFIDENCE
+from survey.reconstruction.checks import CONFIDENCE
 
 _PART = os.environ.get("FIRNLINE_FLEET_PART")
 FIRST_SEED, N_SITES, N_JOINT, N_HAZARD, N_LOST = 7101, 5, 6, 10, 6

@@ -8,8 +8,8 @@ from benchmarks.fleet.joint_maps import drives
 from benchmarks.fleet.sites import FAMILIES, mission_on
 from sim.world.site import build_world
 from survey.data.grid import Grid
-from survey.reconstruction.hazards.slope_hazard import BASE_M, slope_hazard
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.hazards import BASE_M, slope_hazard
+from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.policy import map_landmarks
 
 _NODES_M = 6.0

@@ -16,7 +16,7 @@ from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from survey import Route
 from survey.core.documents import read_json
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 
 N_ROVERS, N_CORES = 3, 2
 _EDGE_M = 20.0

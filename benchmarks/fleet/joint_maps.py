@@ -9,17 +9,17 @@ from benchmarks.fleet.sites import FAMILIES, mission_on
 from benchmarks.moving_ice.chance import drawn_coverages
 from sim.config.mission import MissionConfig
 from sim.mission.fleet import route_of
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import CLAIM, Reconstruction
-from survey.reconstruction.checks.rmse_claim import sampled_nodes
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.checks import sampled_nodes
+from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.terrain_map import CLAIM, Reconstruction
 from vision_slam import localize
 
 _NODES_M = 5.0

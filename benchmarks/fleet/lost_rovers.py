@@ -6,9 +6,9 @@ from typing import Any
 
 from benchmarks.fleet.joint_maps import judged, stated_errors
 from benchmarks.fleet.sites import FAMILIES, mission_on
-from sim.config.faults import FaultConfig
-from sim.config.fleet import FleetConfig
 from sim.config.mission import MissionConfig
+from sim.config.rover import FleetConfig
+from sim.config.sensors import FaultConfig
 from sim.mission.fleet import LOSS_FILE, route_of
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission

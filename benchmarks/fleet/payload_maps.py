@@ -6,18 +6,16 @@ import numpy as np
 
 import planners
 from benchmarks.fleet.sites import FAMILIES, mission_on
-from sim.config.payload import PayloadConfig
-from sim.simulate.payload import payload_log
-from sim.vehicle.exact_motion import exact_drive
-from sim.world.payload_field import PayloadField
+from sim.config.rover import PayloadConfig
+from sim.instruments.environment import PayloadField, payload_log
+from sim.vehicle.motion import exact_drive
 from sim.world.site import build_world
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.data.truth import Truth
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.gp.covariance.kernels import Matern32, Matern52, SquaredExponential
-from survey.reconstruction.payload.payload_map import map_payload
-from survey.reconstruction.payload.payload_process import PayloadHyperparameters
+from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential
+from survey.reconstruction.payload import PayloadHyperparameters, map_payload
+from survey.reconstruction.terrain_map import Reconstruction
 
 _NODES_M = 6.0
 _95 = 1.959964

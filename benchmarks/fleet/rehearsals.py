@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.report import cpu_seconds
 from sim.config.mission import MissionConfig
-from sim.mission.rehearsal.runs import outcomes, rehearse
+from sim.mission.rehearsal import outcomes, rehearse
 from survey.core.config import read_toml, validated
 
 N_RUNS, _N_REPEATED = 10, 2

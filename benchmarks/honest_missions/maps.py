@@ -17,17 +17,16 @@ from benchmarks.honest_missions.missions import (
 from benchmarks.image_surveys import Survey
 from benchmarks.report import cpu_seconds
 from survey.data.dem import Dem
-from survey.reconstruction.base import CLAIM, Reconstruction
-from survey.reconstruction.checks.predictive import PredictiveScores
+from survey.reconstruction.checks import PredictiveScores
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.joint.checked_map import checked_map
+from survey.reconstruction.joint.cross_validation import checked_map, held_out_swaths
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.left_out import held_out_swaths
 from survey.reconstruction.joint.solution import JointSolution
 from survey.reconstruction.prior import SatelliteErrors
+from survey.reconstruction.terrain_map import CLAIM, Reconstruction
 from survey.scoring import certificate
 from vision_slam import localize
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 
 UNBIASED, REAL, NONE = "unbiased prior, stated so", f"prior with the errors of {PRODUCT}", "no prior"
 PRIORS = (UNBIASED, REAL, NONE)

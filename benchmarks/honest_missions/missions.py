@@ -8,7 +8,7 @@ from benchmarks.image_surveys import Survey, survey_at
 from benchmarks.stored_parts import ROOT
 from papers.glacier.surveys import SURVEY
 from sim.config.mission import MissionConfig
-from sim.config.terrain import SatelliteConfig
+from sim.config.world import SatelliteConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world

@@ -10,7 +10,7 @@ from benchmarks.honesty.priors import KINDS as PRIORS
 from benchmarks.honesty.surveys import BEFORE, CLASS_3_M, NAME_BEFORE, NAME_MISMATCHED, NO_PRIOR
 from benchmarks.honesty.terrains import KINDS as TERRAINS
 from benchmarks.report import Row
-from survey.reconstruction.base import CHECK, CLAIM
+from survey.reconstruction.terrain_map import CHECK, CLAIM
 
 Outcomes = Sequence[dict[str, Any]]
 TRUTHFUL = ("truthful", "truthful, stated so")

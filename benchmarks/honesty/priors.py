@@ -8,7 +8,7 @@ from benchmarks.honesty.terrains import CELL_M, SIDE_M
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.reconstruction.prior import SatelliteErrors
-from survey.terrain.product import ProductErrors, product_copy
+from survey.terrain.satellite import ProductErrors, product_copy
 
 _EXACT = {"epoch_sigma_m": 0.0, "tilt_sigma_m_per_km": 0.0}
 

@@ -14,8 +14,8 @@ from benchmarks.honesty.terrains import CRS, KINDS, SIDE_M, terrain
 from benchmarks.mismatched import mismatched
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -24,12 +24,11 @@ from survey.data.recording import Recording
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.selection.families import likeliest
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
-from survey.reconstruction.joint.checked_map import checked_map
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest
+from survey.reconstruction.joint.cross_validation import checked_map
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.kernels.kernel_choice import PointsOnly
-from survey.reconstruction.joint.shared_error import SharedError
+from survey.reconstruction.joint.kernel_choice import PointsOnly
+from survey.reconstruction.joint.shared_errors import SharedError
 from survey.reconstruction.prior import SatelliteErrors
 from vision_slam import LocalizationConfig, localize
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from survey.terrain import diamond_square, fractional_brownian, real_sample, smooth_interpolation
 from survey.terrain.random_fields import kernel_field
 

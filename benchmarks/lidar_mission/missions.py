@@ -13,10 +13,10 @@ from benchmarks.mission_settings import stated_mission
 from benchmarks.report import cpu_seconds
 from sim.config.mission import MissionConfig
 from sim.mission.drives import register_scans
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey.data.recording import Recording
-from survey.data.scans.lidar_scans import LidarScans
+from survey.data.sensors.lidar import LidarScans
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam import localize

@@ -15,27 +15,25 @@ from benchmarks.live.rover_process import RoverKind, rover
 from benchmarks.promise_on_real_ground.surveys import map_error_m
 from benchmarks.promise_on_real_ground.windows import Site
 from benchmarks.report import Row
-from live.link.address import LinkAddress
-from live.link.vehicle import Vehicle
-from live.mission.autopilot_mission import AutopilotMission
-from live.mission.start import start_mission
-from live.mission.upload import upload
+from live.link import LinkAddress, Vehicle
+from live.mission.items import AutopilotMission
+from live.mission.transfer import start_mission
+from live.mission.vehicle_mission import upload
 from live.rover.drive import RoverSettings
 from live.watch.log import entered
+from live.watch.samples import TelemetryReader, buffered_entries
 from live.watch.survey_watch import SurveyWatch
-from live.watch.telemetry import TelemetryReader, buffered_entries
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import first_swaths
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig, first_swaths
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.interchange.surroundings import Surroundings
+from survey.interchange.missions import Surroundings
 from survey.terrain import random_dem, satellite_copy
 
 SEED = 20_294

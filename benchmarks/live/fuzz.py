@@ -9,12 +9,11 @@ import numpy as np
 from pyproj import CRS
 
 from benchmarks.report import Row
-from live.watch.sample import Sample, SampleGate
-from live.watch.telemetry import TelemetryReader
+from live.watch.samples import Sample, SampleGate, TelemetryReader
 from survey.core.arrays import FloatArray
-from survey.core.crs.transformation import transformed
 from survey.core.streams import stream
-from survey.io.degrees import WGS84
+from survey.core.transformation import transformed
+from survey.io.vector import WGS84
 
 SEED = 20_292
 _CRS = CRS("EPSG:32608")

@@ -9,12 +9,10 @@ import numpy as np
 
 from benchmarks.live.rover_process import RoverKind, RoverProcess, rover
 from benchmarks.report import Row
-from live.link.address import LinkAddress
-from live.link.vehicle import Vehicle
-from live.mission.autopilot_mission import AutopilotMission
-from live.mission.items import MISSION, LinkItem
+from live.link import LinkAddress, Vehicle
+from live.mission.items import MISSION, AutopilotMission, LinkItem
 from live.mission.transfer import fetch_items
-from live.mission.upload import upload
+from live.mission.vehicle_mission import upload
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.interchange.missions import MissionItem

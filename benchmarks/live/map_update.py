@@ -8,9 +8,8 @@ import numpy as np
 import planners
 from benchmarks.report import Row, fastest
 from live.watch.live_map import LiveMap
-from papers.glacier.joint_cases import CASES, CRS, KERNEL
-from papers.glacier.joint_map import mission_of
-from sim.simulate.statistical import simulate_statistical
+from papers.glacier.joint_map import CASES, CRS, KERNEL, mission_of
+from sim.simulate.simulation import simulate_statistical
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from live.link.address import LinkAddress
+from live.link import LinkAddress
 from live.rover.drive import RoverSettings
-from live.rover.process import serve_rover
 from live.rover.radio import Radio
+from live.rover.servers import serve_rover
 from survey.data.dem import Dem
 
 _SPAWN = multiprocessing.get_context("spawn")

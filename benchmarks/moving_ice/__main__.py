@@ -51,9 +51,7 @@ def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
     matching = folder_of("survey/scoring/motion", "benchmarks/moving_ice/tracked.py")
     yield from tracked.rows(stored(matching / "tracked.json", lambda: tracked.tracked(DATA)))
-    predicting = folder_of(
-        "survey/reconstruction/motion/stake_series.py", "benchmarks/moving_ice/stake_series.py"
-    )
+    predicting = folder_of("survey/reconstruction/motion/stakes.py", "benchmarks/moving_ice/stake_series.py")
     yield from stake_series.rows(stored(predicting / "stakes.json", lambda: stake_series.predicted(DATA)))
     folder = folder_of("survey/reconstruction/motion/priors.py", "benchmarks/moving_ice/raster_prior.py")
     yield from raster_prior.rows(stored(folder / "rasters.json", lambda: raster_prior.predicted(DATA)))

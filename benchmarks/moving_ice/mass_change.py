@@ -18,9 +18,9 @@ from benchmarks.moving_ice.parts import SURVEYS, folder_of
 from benchmarks.moving_ice.surveys import Drive, drive_of, joint_terrain, with_start_error
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import stored
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import moving_ice
-from survey.reconstruction.motion.volume import area_mean
+from survey.reconstruction.motion.refinement import area_mean
 from vision_slam import localize_on_ice
 
 FIRST_SEED, N_PAIRS, DAYS, VELOCITY, HOURS = 12001, 150, 30.0, 0.7, 8.0

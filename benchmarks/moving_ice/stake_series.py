@@ -11,10 +11,10 @@ from pyproj import CRS
 
 from benchmarks.report import Row
 from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
-from survey.reconstruction.motion.stake_series import predict_position
-from vision_slam.io.rtklib import read_positions
+from survey.core.crs import projected_crs
+from survey.core.transformation import transformed
+from survey.reconstruction.motion.stakes import predict_position
+from vision_slam.readers.gps_files import read_positions
 
 _DAY_S, _Z95 = 86400.0, 1.959964
 BOWDOIN = ("B14BH1_2014", "B14BH1_2015", "B1501", "B1502", "B1503")

@@ -13,14 +13,14 @@ from benchmarks.moving_ice.cases import SIDE_M, Case, mission_of
 from benchmarks.moving_ice.chance import drawn_coverages
 from planners import plan
 from sim.config.mission import MissionConfig
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from sim.world.site import build_world
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.reconstruction.gp.config import GaussianProcessConfig
@@ -28,7 +28,7 @@ from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointMap
 from survey.reconstruction.motion.refinement import refined_motion
 from vision_slam import localize, localize_on_ice
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 
 _Z95 = 1.959964
 # Every so many nodes stand for the map where errors are drawn from its covariance.

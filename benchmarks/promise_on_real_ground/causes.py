@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.promise_on_real_ground.surveys import Outcome, Task, requirement_of
 from benchmarks.promise_on_real_ground.windows import site_of
 from benchmarks.report import Row
-from planners.ground.transit import FreeGround
 from planners.guarantee.guarantee import posterior_of
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior
+from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.survey_lines import SurveyLines
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem

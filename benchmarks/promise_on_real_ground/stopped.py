@@ -6,8 +6,7 @@ import numpy as np
 
 from benchmarks.promise_on_real_ground.surveys import SHARED_M, STEP_M, map_error_m
 from benchmarks.promise_on_real_ground.windows import SEED, Site
-from planners.guarantee.adaptive import survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import posterior_of
 from planners.guarantee.requirement import MapRequirement
 from survey import Grid, SurveyArea

@@ -13,17 +13,15 @@ import numpy as np
 
 import planners
 from benchmarks.promise_on_real_ground.windows import SEED, Site, site_of
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction.error_model import places
+from planners.prediction import places
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
+from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
 
 STEP_M = 10.0
 SHARED_M = 0.05

@@ -45,13 +45,12 @@ from benchmarks.stored_parts import parts_folder, stored_rows
 from survey.core.arrays import FloatArray
 from survey.core.errors import FirnlineError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.records import GpsFixes
 from vision_slam.drive_estimate import DriveEstimate
-from vision_slam.io.gps_log import GpsLog
-from vision_slam.io.sequence import ImageSequence, georeference
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import localize
+from vision_slam.readers.sequence import GpsLog, ImageSequence, georeference
 
 DRAWS = range(3)
 UTM = "EPSG:32632"

@@ -19,7 +19,7 @@ from benchmarks.real_drives.fresh import (
     with_repeated_images,
 )
 from benchmarks.real_drives.receivers import GPS, LATE, PHONE, RTK, RTK_10_HZ, Receiver
-from vision_slam.io.sequence import ImageSequence, scale_by_reference
+from vision_slam.readers.sequence import ImageSequence, scale_by_reference
 
 Change = Callable[[ImageSequence], ImageSequence]
 

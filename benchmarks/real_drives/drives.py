@@ -10,10 +10,10 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.aiding import Wheels
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import ImageSequence
+from survey.data.frames import Frames, Image
+from survey.data.sensors.records import Wheels
+from vision_slam.readers.folders import read_sequence
+from vision_slam.readers.sequence import ImageSequence
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 _GAP_S = 1.0

@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.real_drives.drives import Images
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.camera.frames import Frames, Image
-from vision_slam.io.sequence import ImageSequence
+from survey.data.frames import Frames, Image
+from vision_slam.readers.sequence import ImageSequence
 
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 _PATCH = (0.55, 0.36)  # share of rows and columns that a thing that passes by hides: a fifth of the image

@@ -16,7 +16,7 @@ from rasterio.windows import Window
 from benchmarks.report import Row
 from benchmarks.whole_glacier.made_survey import CRS_NAME
 from benchmarks.whole_glacier.mapping import Used, used_by
-from survey.io.raster.mosaic import MosaicBand, MosaicTile, write_mosaic
+from survey.io.raster.large import MosaicBand, MosaicTile, write_mosaic
 
 _SMALL_CELLS, _TILE_CELLS = 6500, 5000
 _COLUMNS, _ROWS_OF_TILES = 8, 5

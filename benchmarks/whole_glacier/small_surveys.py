@@ -9,9 +9,7 @@ from benchmarks.report import Row
 from benchmarks.whole_glacier.made_survey import CRS_NAME, MadeSurvey
 from benchmarks.whole_glacier.mapping import Judged, judged
 from benchmarks.whole_glacier.maps import coverage_rows
-from survey.reconstruction.tiled.config import TiledConfig
-from survey.reconstruction.tiled.job import Control
-from survey.reconstruction.tiled.request import tiled_job
+from survey.reconstruction.tiled.job import Control, TiledConfig, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles
 
 _SEEDS = range(201, 241)

@@ -10,8 +10,7 @@ from shapely import Polygon
 
 from survey.core.config import Section
 from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.parts.area_parts import united
+from survey.data.area import SurveyArea, united
 
 MOST_VERTICES = 20_000
 MOST_POINTS = 2_000

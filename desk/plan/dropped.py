@@ -74,7 +74,7 @@ def _shapes(file: Path, crs: CRS) -> dict[str, Any]:
 
 def _raster(file: Path, crs: CRS) -> dict[str, Any]:
     from firnline.actions.interface import own_crs
-    from survey.core.crs.agreement import same_crs
+    from survey.core.crs import same_crs
 
     stated = own_crs(file)
     if stated is not None:

@@ -23,15 +23,14 @@ from firnline.actions.plan_request import write_plan as write_outputs
 from sim.config.mission import MissionConfig
 from survey.core.arrays import FloatArray
 from survey.core.config import validated
-from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
+from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.interchange.surroundings import Surroundings
-from survey.io.degrees import WGS84, require_transformation
-from survey.io.vector import write_features
+from survey.interchange.missions import Surroundings
+from survey.io.vector import WGS84, require_transformation, write_features
 
 _MOST_TERRAIN_CELLS = 4_000_000
 _MARGIN_CELLS = 2.0

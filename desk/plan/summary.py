@@ -14,13 +14,12 @@ from desk.terrain.shading import DEVIATION
 from desk.terrain.tiles import picture
 from firnline.actions.plan_request import fact_texts
 from firnline.actions.planning import AreaPlan
-from planners.driving.energy import energy_per_metre
-from planners.driving.rover import Rover
-from planners.prediction.predict import predict_error
-from planners.swaths.counting import swaths_text
+from planners.prediction import predict_error
+from planners.routes.rover import Rover, energy_per_metre
+from planners.swaths.reference_lines import swaths_text
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.map_scale import ground_lengths_m
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.dem import Dem
 from survey.data.route import Route
 

@@ -14,7 +14,7 @@ from desk.terrain.tiles import LAYERS, contour_lines
 from desk.workspace import Workspace
 from survey.core.arrays import Bounds
 from survey.core.errors import ConfigError
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 
 _MOST_PLACES = 2000
 

@@ -11,11 +11,10 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.io.raster import read_window
-from survey.io.raster.georeference import check_transform
-from survey.io.raster.opening import checked_band, opened_dataset
+from survey.io.raster.opening import check_transform, checked_band, opened_dataset
 
 
 def level_for(width: float, height: float, most_cells: int) -> int:

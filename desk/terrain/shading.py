@@ -10,7 +10,7 @@ import numpy.typing as npt
 from desk.terrain.pyramid import ElevationPyramid
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import ConfigError
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 
 Table = npt.NDArray[np.uint8]
 

@@ -5,20 +5,23 @@ from dataclasses import fields
 
 from generate.models import unit_by_name
 from generate.tables import code, table
-from survey.data.parts.point_columns import COVARIANCE, ORIGIN, SIGMA
-from survey.data.sensors import aiding, drive_ties, loop_closures, stakes
+from survey.data.sensors import odometry as drive_ties
+from survey.data.sensors import odometry as loop_closures
+from survey.data.sensors import records as aiding
+from survey.data.sensors import stakes
 from survey.data.sensors.records import SensorRecords
+from survey.data.surface_points import COVARIANCE, ORIGIN, SIGMA
 from survey.data.trajectory import _COLUMNS as TRAJECTORY
 from survey.interchange.route_readers import READERS
 from survey.interchange.route_writers import _CSV_COLUMNS as ROUTE
 from survey.interchange.route_writers import WRITERS
+from survey.io.column_names import SPELLINGS
 from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
-from survey.io.point_columns import PLACE
-from survey.io.points.formats import READ_ENDINGS as POINTS
-from survey.io.points.formats import WRITERS as POINT_WRITERS
-from survey.io.pose_files import TUM_COLUMNS
-from survey.io.text_tables.usual_names import SPELLINGS
-from survey.scoring.change.change_files import TABLE_COLUMNS as CHANGE
+from survey.io.point_files import READ_ENDINGS as POINTS
+from survey.io.point_files import WRITERS as POINT_WRITERS
+from survey.io.point_table import PLACE
+from survey.io.trajectory_files import TUM_COLUMNS
+from survey.scoring.change.files import TABLE_COLUMNS as CHANGE
 
 _HEAD = """\
 # File formats

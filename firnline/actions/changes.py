@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from survey import Dem, Reconstruction
     from survey.scoring.change.along_flow import Thickness
-    from survey.scoring.change.results import Change
-    from survey.scoring.motion.displacements import DisplacementField
-    from survey.scoring.motion.tracking import TrackedMotion
+    from survey.scoring.change.displacements import DisplacementField
+    from survey.scoring.change.tracking import TrackedMotion
+    from survey.scoring.change.volume_change import Change
 
 
 OUTPUTS = (
@@ -115,8 +115,8 @@ class ChangeRequest:
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
         if self.report is None:
             return
-        from survey.reporting.document.writing import OUTPUTS as REPORT_OUTPUTS
-        from survey.reporting.document.writing import check_target
+        from survey.reporting.document import OUTPUTS as REPORT_OUTPUTS
+        from survey.reporting.document import check_target
 
         own = () if check_target(self.report).suffix else REPORT_OUTPUTS
         refuse_existing([self.report], force=self.force, inputs=inputs, own=own)
@@ -170,10 +170,10 @@ class ChangeResult(Result):
         ChangeResult
             The result at its place.
         """
-        from survey.core.files.replacing import replacing_folder
-        from survey.figures.change import change_map
+        from survey.core.replacement import replacing_folder
+        from survey.figures.maps import change_map
         from survey.figures.style import png_bytes
-        from survey.scoring.change.change_files import write_change
+        from survey.scoring.change.files import write_change
 
         placed = self if out is None else replace(self, request=replace(self.request, out=out))
         with replacing_folder(placed.request.out, own=OUTPUTS) as draft:
@@ -189,7 +189,7 @@ class ChangeResult(Result):
 
     def facts(self) -> dict[str, Any]:
         """Return shift, volumes, masses and notes."""
-        from survey.scoring.change.change_files import change_facts
+        from survey.scoring.change.files import change_facts
 
         return change_facts(self.change, *self._density)
 
@@ -200,8 +200,8 @@ class ChangeResult(Result):
         return lines if report is None else [*lines, f"report written to {report}"]
 
     def _write_report(self, report: Path) -> None:
-        from survey.reporting.accuracy.change import change_report
-        from survey.reporting.accuracy.parts import ReportSetting
+        from survey.reporting.accuracy import ReportSetting
+        from survey.reporting.change import change_report
         from survey.reporting.document import write_document
 
         roles = ("Later survey", "Earlier survey", "Outlines", "Unchanged ground from")
@@ -240,7 +240,7 @@ def change(request: ChangeRequest) -> ChangeResult:
 def preview_change(request: ChangeRequest) -> Preview:
     """Read surveys and outlines, and return what would be compared."""
     from survey import Dem
-    from survey.scoring.change.outlines import read_outlines
+    from survey.scoring.change.files import read_outlines
 
     request.check()
     writes = [request.out, *([] if request.report is None else [request.report])]
@@ -259,8 +259,8 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
     from survey import Dem
-    from survey.scoring.change.change import change as compare
-    from survey.scoring.change.outlines import read_outlines
+    from survey.scoring.change.difference import change as compare
+    from survey.scoring.change.files import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request.later, request.earlier, request.outline, request.step_m)
@@ -305,8 +305,8 @@ def _models_compared(
     from survey import Grid
     from survey.core.errors import InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.scoring.change.models import change_of_models
-    from survey.scoring.change.outlines import read_outlines
+    from survey.scoring.change.difference import change_of_models
+    from survey.scoring.change.files import read_outlines
 
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
@@ -373,7 +373,7 @@ class Surveys(NamedTuple):
 
 def surveys_of(later: Path, earlier: Path, crs: str | None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
-    from survey.scoring.change.large_surveys import averaged_step_m, averaged_survey
+    from survey.scoring.change.files import averaged_step_m, averaged_survey
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:
@@ -411,8 +411,8 @@ def flow_of(named: str, days: float | None, later: "Dem", earlier: "Dem") -> "Di
     InputError
         A velocity without the time between the surveys, or displacements with one.
     """
-    from survey.scoring.motion.displacements import TrackedField
-    from survey.scoring.motion.tracked_file import read_tracked
+    from survey.scoring.change.displacements import TrackedField
+    from survey.scoring.change.tracking import read_tracked
 
     if "," in named:
         return _of_rasters(named, _days(days), later.crs)
@@ -446,8 +446,8 @@ def thickness_of(named: str | None, error: float) -> "Thickness | None":
 def _tracked(later: "Dem", earlier: "Dem") -> "DisplacementField":
     """Track the features of the earlier survey in the later one, on the grid of the coarser one."""
     from survey import Dem
-    from survey.scoring.motion.displacements import TrackedField
-    from survey.scoring.motion.tracking import track
+    from survey.scoring.change.displacements import TrackedField
+    from survey.scoring.change.tracking import track
 
     coarser = later if later.step_m >= earlier.step_m else earlier
     grid = coarser.grid()
@@ -457,9 +457,9 @@ def _tracked(later: "Dem", earlier: "Dem") -> "DisplacementField":
 
 def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
     from survey import Dem
-    from survey.core.crs.agreement import same_crs
+    from survey.core.crs import same_crs
     from survey.reconstruction.motion.priors import VelocityRasters
-    from survey.scoring.motion.displacements import RasterField
+    from survey.scoring.change.displacements import RasterField
 
     files = named.split(",")
     if len(files) != 4:
@@ -474,8 +474,8 @@ def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
 
 
 def _of_motion(file: Path, days: float) -> "DisplacementField":
-    from survey.data.ice.motion_file import read_motion
-    from survey.scoring.motion.displacements import SteadyField
+    from survey.data.ice_motion import read_motion
+    from survey.scoring.change.displacements import SteadyField
 
     return SteadyField(read_motion(file), days)
 
@@ -536,7 +536,7 @@ class TrackResult(Result):
         TrackResult
             The result at its place.
         """
-        from survey.scoring.motion.tracked_file import write_tracked
+        from survey.scoring.change.tracking import write_tracked
 
         placed = self if out is None else replace(self, request=replace(self.request, out=out))
         write_tracked(placed.request.out, self.motion, self.request.days, self.earlier.crs)
@@ -575,7 +575,7 @@ def track(request: TrackRequest) -> TrackResult:
     InputError
         Input that cannot be used, or an output that exists.
     """
-    from survey.scoring.motion import tracking
+    from survey.scoring.change import tracking
 
     earlier, later = _tracked_pair(request)
     found = tracking.track(
@@ -597,7 +597,7 @@ def preview_track(request: TrackRequest) -> Preview:
 
 def _tracked_pair(request: TrackRequest) -> "tuple[Dem, Dem]":
     from survey import Dem
-    from survey.scoring.motion.tracking import check_pair
+    from survey.scoring.change.tracking import check_pair
 
     refuse_existing([request.out], force=request.force, inputs=(request.earlier, request.later))
     earlier, later = Dem.read(request.earlier), Dem.read(request.later)

@@ -25,8 +25,8 @@ from firnline.actions.requests import Patience, System, Url
 
 if TYPE_CHECKING:
     import survey
-    from live.mission.autopilot_mission import AutopilotMission
-    from survey.interchange.surroundings import Surroundings
+    from live.mission.items import AutopilotMission
+    from survey.interchange.missions import Surroundings
 
 
 _MISSIONS = (".plan", ".waypoints")
@@ -114,7 +114,7 @@ def route_with_surroundings(source: Path, options: RouteOptions) -> FoundRoute:
         In the CRS of the route.
     """
     import survey
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
 
     if not source.is_dir():
         route = read_route(source, options.crs)
@@ -170,7 +170,7 @@ def _surroundings(route: "survey.Route", options: RouteOptions) -> "Surroundings
 
     import survey
     from survey.core.errors import ConfigError
-    from survey.interchange.surroundings import Surroundings
+    from survey.interchange.missions import Surroundings
 
     area, dem, autopilot = options.area, options.dem, options.autopilot
     if autopilot not in (None, "ardupilot", "px4"):
@@ -326,7 +326,7 @@ def preview_export(request: ExportRequest) -> Preview:
 
 def _kind_of(request: ExportRequest) -> str:
     """Return what is converted; refuse options of routes for anything else."""
-    from survey.interchange.content import kind_of
+    from survey.interchange.conversion import kind_of
 
     source, out = request.source, request.out
     if out.suffix.lower() == ".mcap" and (source.is_dir() or source.suffix == ".jsonl"):
@@ -339,7 +339,7 @@ def _kind_of(request: ExportRequest) -> str:
 
 
 def _convert(request: ExportRequest, kind: str, out: Path) -> str:
-    from survey.interchange.convert import convert
+    from survey.interchange.conversion import convert
 
     convert(request.source, out, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
     return f"{out} written"
@@ -369,11 +369,10 @@ def write_route(route: "survey.Route", around: "Surroundings", out: Path, rover:
 
 def _write_mcap(source: Path, out: Path) -> str:
     """Write the MCAP file of a run, or of a survey that was watched."""
-    from survey.core.runs.store import RunFolder
+    from survey.core.run_folder import RunFolder
 
     with needs_live_extra():
-        from live.export.drive_mcap import write_drive_mcap
-        from live.export.run_mcap import write_run_mcap
+        from live.mcap_files import write_drive_mcap, write_run_mcap
 
         is_run = source.is_dir()
         counts = write_run_mcap(RunFolder.find(source), out) if is_run else write_drive_mcap(source, out)
@@ -470,8 +469,8 @@ def upload(request: UploadRequest, progress: Progress = no_progress) -> UploadRe
         Input that cannot be used, or a rover that does not answer.
     """
     with needs_live_extra():
-        from live.link.address import LinkAddress
-        from live.mission.upload import upload as sent
+        from live.link import LinkAddress
+        from live.mission.vehicle_mission import upload as sent
 
         address, (mission, notes) = LinkAddress.parsed(request.url), _mission(request)
         began = perf_counter()
@@ -491,7 +490,7 @@ def upload(request: UploadRequest, progress: Progress = no_progress) -> UploadRe
 def preview_upload(request: UploadRequest) -> Preview:
     """Read a route, and return which autopilots would hold its mission."""
     with needs_live_extra():
-        from live.link.address import LinkAddress
+        from live.link import LinkAddress
 
         address, (mission, notes) = LinkAddress.parsed(request.url), _mission(request)
         facts = _storable_facts(mission, request.most_items) | {"would be sent to": address.text}
@@ -500,8 +499,8 @@ def preview_upload(request: UploadRequest) -> Preview:
 
 def _mission(request: UploadRequest) -> "tuple[AutopilotMission, tuple[str, ...]]":
     """Read the mission of one rover, and what was left out of it."""
-    from live.mission.autopilot_mission import AutopilotMission
-    from survey.core.files.reading import existing_file
+    from live.mission.items import AutopilotMission
+    from survey.core.files import existing_file
     from survey.interchange.route_formats import part_of_rover
 
     if request.source.suffix.lower() in _MISSIONS:
@@ -513,9 +512,8 @@ def _mission(request: UploadRequest) -> "tuple[AutopilotMission, tuple[str, ...]
 
 def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:
     """Return the numbers of items, and which autopilots hold them; refuse what no vehicle would hold."""
-    from live.link.vehicle import ARDUPILOT, NAMES, PX4
-    from live.mission.items import FENCE, MISSION
-    from live.mission.limits import limits_of, require_storable
+    from live.link import ARDUPILOT, NAMES, PX4
+    from live.mission.items import FENCE, MISSION, limits_of, require_storable
 
     items, fence = mission.link_items(0), mission.fence_items
     require_storable(items, MISSION, most_items or limits_of(0).items)
@@ -607,8 +605,8 @@ def download(request: DownloadRequest, progress: Progress = no_progress) -> Down
     """
     refuse_existing([request.out], force=request.force, inputs=[])
     with needs_live_extra():
-        from live.link.address import LinkAddress
-        from live.mission.download import downloaded_route
+        from live.link import LinkAddress
+        from live.mission.vehicle_mission import downloaded_route
 
         route = downloaded_route(
             LinkAddress.parsed(request.url),

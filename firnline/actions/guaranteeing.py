@@ -7,18 +7,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 from firnline.actions.interface import NotMetError, Progress, Result, fact_line, no_progress
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
-from survey.core.quantity_text import length_text
+from survey.core.text import length_text
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.adaptive import AdaptiveSurvey
-    from planners.guarantee.adaptive_state import AdaptiveConfig
-    from planners.guarantee.posterior.surfaces import Surface
-    from planners.guarantee.requirement import MapRequirement
-    from planners.guarantee.result import Guarantee
+    from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveSurvey
+    from planners.guarantee.guarantee import Guarantee
+    from planners.guarantee.requirement import MapRequirement, Surface
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import PredictedSurvey
-    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
 
 
 def limit_of(require: str) -> float:
@@ -129,7 +127,7 @@ class GuaranteedPlan(PlanResult):
 
     def facts(self) -> dict[str, Any]:
         """Return files, pattern, probabilities and assumptions."""
-        from planners.swaths.counting import count_lines
+        from planners.swaths.reference_lines import count_lines
 
         made = self.guarantee
         limit_m = made.requirement.limit_m
@@ -159,8 +157,8 @@ class GuaranteedPlan(PlanResult):
 
     def lines(self) -> list[str]:
         """Return the pattern and the guarantee, and what it rests on."""
-        from planners.swaths.counting import swaths_text
-        from survey.core.quantity_text import length_text
+        from planners.swaths.reference_lines import swaths_text
+        from survey.core.text import length_text
 
         made = self.guarantee
         requirement = made.requirement
@@ -425,8 +423,8 @@ def _adaptive_config(
     area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
 ) -> "AdaptiveConfig":
     """Return the settings of a survey swath by swath, across the grain of the terrain."""
-    from planners.ground.transit import FreeGround
-    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.guarantee.adaptive import AdaptiveConfig
+    from planners.routes.shortest_paths import FreeGround
     from planners.swaths.heading import across_marked_grain
 
     return AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))

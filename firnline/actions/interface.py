@@ -245,7 +245,7 @@ def _title(name: str) -> str:
 
 def _value(name: str, value: Any) -> str:
     """Return a value with the unit that its name ends in."""
-    from survey.core.quantity_text import duration_text, length_text
+    from survey.core.text import duration_text, length_text
 
     if not isinstance(value, float):
         return str(value)
@@ -276,15 +276,14 @@ def refuse_existing(
         Every file or folder that the command reads; None stands for an option that was not given.
     own : collection of str
         For output folders: patterns of the files that the command writes there, as for
-        `survey.core.files.replacing.replacing_folder`. Without them all outputs are files.
+        `survey.core.replacement.replacing_folder`. Without them all outputs are files.
 
     Raises
     ------
     InputError
         One sentence that names the output and what to do.
     """
-    from survey.core.files.links import resolved
-    from survey.core.files.replacing import refuse_unwritable
+    from survey.core.replacement import refuse_unwritable, resolved
 
     given = [resolved(path) for path in inputs if path is not None]
     for output in outputs:
@@ -306,7 +305,7 @@ def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
     list of pathlib.Path
         Inputs that exist, each followed by its companions.
     """
-    from survey.io.companions import companion_files
+    from survey.io.dataset_files import companion_files
 
     found: list[Path] = []
     for path in inputs:
@@ -337,7 +336,7 @@ def companions_of_output(output: Path) -> list[Path]:
 
 def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
     from survey.core.errors import InputError
-    from survey.core.files.links import resolved
+    from survey.core.replacement import resolved
 
     place = resolved(output)
     for path in inputs:
@@ -349,7 +348,7 @@ def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
 
 def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:
     from survey.core.errors import InputError
-    from survey.core.files.replacing import refuse_foreign
+    from survey.core.replacement import refuse_foreign
 
     if not os.path.lexists(output):
         return
@@ -364,8 +363,8 @@ def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:
 
 def own_crs(path: Path) -> "CRS | None":
     """Return the projected CRS that a raster's header names; None where it is in degrees."""
-    from survey.core.crs.checks import projected_crs
-    from survey.core.crs.choice import is_geographic
+    from survey.core.crs import projected_crs
+    from survey.core.transformation import is_geographic
     from survey.io.raster import raster_header
 
     stated = raster_header(path).crs
@@ -384,7 +383,7 @@ def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: boo
     """
     import survey
     from planners.capacity import require_cells
-    from survey.core.crs.agreement import same_crs
+    from survey.core.crs import same_crs
     from survey.io.raster.warping import cell_m
 
     stated = own_crs(path)

@@ -20,11 +20,10 @@ from firnline.actions.interface import (
 from firnline.actions.requests import columns_option, epoch_option
 
 if TYPE_CHECKING:
-    from survey.data.ice.motion import IceMotion
+    from survey.data.ice_motion import IceMotion
     from vision_slam.calibration.boards import Board
     from vision_slam.calibration.calibrate import CameraCalibration
-    from vision_slam.comparison import Comparison
-    from vision_slam.drive_estimate import DriveEstimate
+    from vision_slam.drive_estimate import Comparison, DriveEstimate
     from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -133,8 +132,8 @@ class LocalizeRequest:
         InputError
             Settings of the motion without an epoch, or a recording without fixes.
         """
-        from sim.config.ice import IceAssumptions
-        from sim.world.assumed_motion import assumed_motion
+        from sim.config.world import IceAssumptions
+        from sim.world.moving_ice import assumed_motion
         from survey.core.config import validated, with_overrides
         from survey.core.errors import InputError
         from survey.data.recording import Recording
@@ -160,7 +159,7 @@ class LocalizeRequest:
         inputs = (self.source, self.camera, self.gps, self.reference)
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OWN_FILES)
         if self.viewer is not None:
-            from vision_slam.viewer import refuse_without_rerun
+            from vision_slam.results import refuse_without_rerun
 
             refuse_existing([self.viewer], force=self.force, inputs=inputs)
             refuse_without_rerun()
@@ -241,7 +240,7 @@ class LocalizationResult(Result):
         LocalizationResult
             The result at its place.
         """
-        from survey.core.files.replacing import replacing_folder
+        from survey.core.replacement import replacing_folder
         from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
 
         placed = self if out is None else replace(self, request=replace(self.request, out=out))
@@ -250,7 +249,7 @@ class LocalizationResult(Result):
             write_localization(folder, estimate)
             write_pictures(folder, pictures_of(estimate, drive.records, drive.gps, self.comparison))
         if self.request.viewer is not None:
-            from vision_slam.viewer import write_rrd
+            from vision_slam.results import write_rrd
 
             write_rrd(self.request.viewer, estimate, drive.records)
         return placed
@@ -405,7 +404,7 @@ def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
     from vision_slam.recorded_drive import RecordedDrive
 
     with needs_live_extra():
-        from live.logs.autopilot_log import read_autopilot_log
+        from live.autopilot_logs import read_autopilot_log
 
         return RecordedDrive(*read_autopilot_log(source, crs))
 
@@ -497,9 +496,9 @@ class CalibrationResult(Result):
         CalibrationResult
             The result at its place.
         """
-        from survey.core.files.writing import replacing
+        from survey.core.files import replacing
         from survey.figures import png_bytes
-        from vision_slam.calibration.plotting import calibration_figure
+        from vision_slam.calibration.calibrate import calibration_figure
 
         placed = self if out is None else replace(self, request=replace(self.request, out=out))
         self.calibration.write(placed.request.out)
@@ -564,7 +563,7 @@ def calibrate(request: CalibrateRequest, progress: Progress = no_progress) -> Ca
 
 def preview_calibration(request: CalibrateRequest) -> Preview:
     """Check the board and count the images."""
-    from vision_slam.io.sequence_files import image_files
+    from vision_slam.readers.images import image_files
 
     _checked_board(request)
     return Preview.of([request.out, request.picture], {"images": len(image_files(request.images))})

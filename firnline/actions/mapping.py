@@ -25,35 +25,33 @@ from firnline.actions.interface import (
 )
 from firnline.actions.mapping_request import MapRequest, map_request
 from firnline.actions.requests import PayloadRequest, ReconstructRequest
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.documents import read_json
 from survey.core.errors import ConfigError, InputError
-from survey.core.files.replacing import replacing_folder
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_file import ICE_MOTION, read_motion, write_motion
-from survey.data.sensors.drive_ties import DriveTies
+from survey.core.replacement import replacing_folder
+from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
+from survey.data.sensors.odometry import DriveTies
 from survey.data.sensors.payload import PayloadLog, Quantity
-from survey.interchange.scans import SensorPath, read_scans, scan_files
-from survey.interchange.sensor_scans import read_sensor_scans
-from survey.io.text_tables.spellings import parsed_columns
-from survey.reconstruction.base import ELEVATION
+from survey.interchange.scans import SensorPath, read_scans, read_sensor_scans, scan_files
+from survey.io.column_names import parsed_columns
 from survey.reconstruction.beyond_points import beyond_sentences
-from survey.reconstruction.checks.blunders import (
+from survey.reconstruction.joint.drives import SeveralDrives
+from survey.reconstruction.mapping import within
+from survey.reconstruction.method import MappedTerrain, ScanSettings
+from survey.reconstruction.motion.epoch import at_epoch, with_age
+from survey.reconstruction.motion.refinement import refined_motion
+from survey.reconstruction.observations import (
     Blunders,
     refuse_far_places,
     refuse_feet_among_metres,
     without_blunders,
 )
-from survey.reconstruction.joint.several_drives import SeveralDrives
-from survey.reconstruction.mapping import within
-from survey.reconstruction.method import MappedTerrain, ScanSettings
-from survey.reconstruction.motion.epoch import at_epoch, with_age
-from survey.reconstruction.motion.refinement import refined_motion
-from survey.reconstruction.payload.payload_map import map_payload, payload_grid, write_payload
+from survey.reconstruction.payload import map_payload, payload_grid, write_payload
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from survey.reconstruction.scan_map import map_scans
-from vision_slam.fusion.drive_ties import tie_drives
+from survey.reconstruction.terrain_map import ELEVATION
+from vision_slam.fusion.pose_constraints import tie_drives
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
@@ -225,8 +223,8 @@ def _draw(result: survey.Reconstruction, out: Path) -> None:
 def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
     """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
     from survey.figures import png_bytes
-    from survey.figures.bounds import width_map
-    from survey.reconstruction.line_of_sight.steep_ground import steep_ground
+    from survey.figures.maps import width_map
+    from survey.reconstruction.hazards import steep_ground
 
     if result.lower is None or result.upper is None:
         return
@@ -237,7 +235,7 @@ def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None)
 
 def _findings(result: survey.Reconstruction) -> list[str]:
     """Return the check by points left out, the classes by the map's claim, and what is to be known of the input."""
-    from survey.scoring.standards.certificate import own_claim
+    from survey.scoring.standards.map_classes import own_claim
 
     sentences = own_claim(result) if result.quantity == ELEVATION else beyond_sentences(result)
     if result.method == "tin":

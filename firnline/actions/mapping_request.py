@@ -9,10 +9,10 @@ import survey
 from firnline.actions.requests import ReconstructRequest
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
-from survey.data.ice.motion_file import ICE_MOTION
-from survey.interchange.sensor_scans import holds_sensor_scans
-from survey.io.points.formats import TABLES
-from survey.io.text_tables.spellings import parsed_columns
+from survey.data.ice_motion import ICE_MOTION
+from survey.interchange.scans import holds_sensor_scans
+from survey.io.column_names import parsed_columns
+from survey.io.point_files import TABLES
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where

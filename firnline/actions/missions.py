@@ -22,19 +22,15 @@ from firnline.actions.requests import (
     SimulateRequest,
 )
 from firnline.actions.scoring import best_class, class_met
-from sim.mission.rehearsal.fault_tree import FaultEvent, fault_tree
-from sim.mission.rehearsal.runs import summarized
-from sim.mission.runs import open_run, planned_place, read_mission
+from sim.mission.rehearsal import FaultEvent, fault_tree, summarized
+from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
-from sim.mission.template import mission_template
 from sim.montecarlo.config import read_study
-from survey.core.documents import read_json
+from survey.core.documents import cut_incomplete_line, log_line, read_json, read_log, read_record
 from survey.core.errors import ConfigError, InputError
-from survey.core.files.links import resolved
-from survey.core.files.writing import replacing
-from survey.core.runs.log import cut_incomplete_line, log_line, read_log
-from survey.core.runs.manifest import read_record
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.files import replacing
+from survey.core.replacement import resolved
+from survey.core.run_folder import STAGES, RunFolder
 from survey.data.dem import Dem
 
 Watch = Callable[[Mapping[str, float]], StageContext]
@@ -387,8 +383,8 @@ def _driven(folder: Path) -> dict[str, Any]:
 
 def _own_claim(folder: Path) -> list[str]:
     """Return what the map states of itself: the check by points left out, and its classes."""
-    from survey.reconstruction.base import ELEVATION, Reconstruction
-    from survey.scoring.standards.certificate import own_claim
+    from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
+    from survey.scoring.standards.map_classes import own_claim
 
     result = Reconstruction.read(folder)
     return own_claim(result) if result.quantity == ELEVATION else []
@@ -529,7 +525,7 @@ def montecarlo(request: MonteCarloRequest, progress: Progress = no_progress) -> 
 
 def preview_montecarlo(request: MonteCarloRequest) -> Preview:
     """Check a study, and return where its trials would be stored."""
-    from sim.montecarlo.capacity import require_study
+    from sim.montecarlo.study import require_study
 
     request.chosen_engine()
     study = read_study(request.study, request.settings)
@@ -563,7 +559,7 @@ class RehearsalResult(Result):
         RehearsalResult
             The same.
         """
-        from sim.mission.rehearsal.figure import write_fault_tree
+        from sim.mission.rehearsal import write_fault_tree
 
         write_fault_tree(summarized(self.outcomes), fault_tree(self.outcomes), self._picture)
         return self
@@ -611,8 +607,8 @@ def rehearse(request: RehearseRequest, progress: Progress = no_progress) -> Rehe
     ConfigError
         A setting or an engine that is unknown or wrong.
     """
-    from sim.mission.rehearsal.runs import outcomes
-    from sim.mission.rehearsal.runs import rehearse as run_all_of
+    from sim.mission.rehearsal import outcomes
+    from sim.mission.rehearsal import rehearse as run_all_of
 
     engine, mission = request.chosen_engine(), read_mission(request.mission, request.settings)
     folder = run_all_of(
@@ -629,7 +625,7 @@ def rehearse(request: RehearseRequest, progress: Progress = no_progress) -> Rehe
 
 def preview_rehearsal(request: RehearseRequest) -> Preview:
     """Check a mission, and return where the outcomes of its rehearsal would be stored."""
-    from sim.mission.rehearsal.runs import rehearsal_folder
+    from sim.mission.rehearsal import rehearsal_folder
 
     request.chosen_engine()
     mission = read_mission(request.mission, request.settings)

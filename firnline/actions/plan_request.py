@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import planners
     import survey
     from survey.figures.sheets import PlanContent, RoverEffort
-    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
     from survey.reporting.qgis import QgisGroup
 
 
@@ -236,8 +236,8 @@ class PlanRequest(RunOptions):
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
         import survey
-        from planners.ground.no_go_mask import without_marked
-        from survey.io.degrees import require_transformation
+        from planners.routes.traversability import without_marked
+        from survey.io.vector import require_transformation
 
         crs: Any = self.crs
         if crs is None and self.prior is not None:
@@ -284,7 +284,7 @@ class PlanDrawing:
 
 def write_plan_project(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     """Write the project with its layers: route, area, and, where given, terrain and predicted error. All files are written or none."""
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
     from survey.reporting.qgis import write_project
 
     std = drawing.std(route, drawing.fine_cell_m)
@@ -385,7 +385,7 @@ def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing
 
 def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
     """Return title and text of each number that is expected of a route, by its name."""
-    from survey.core.quantity_text import duration_text, energy_text, length_text
+    from survey.core.text import duration_text, energy_text, length_text
 
     texts = {
         "length_m": ("length", length_text),
@@ -410,7 +410,7 @@ def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
 
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     from survey import figures
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
 
     pieces = [piece.polygon for piece in drawing.left_out]
     figure = figures.plan_map(
@@ -422,7 +422,7 @@ def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawi
 
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
-    from survey.core.files.replacing import replacing_files
+    from survey.core.replacement import replacing_files
     from survey.figures.sheets import pdf_bytes, plan_sheets
 
     std = drawing.std(route, drawing.fine_cell_m)
@@ -441,7 +441,7 @@ def _content(
 ) -> "PlanContent":
     """Return what the sheets of a plan state."""
     import planners
-    from planners.swaths.counting import swaths_text
+    from planners.swaths.reference_lines import swaths_text
     from survey.figures.sheets import PlanContent
 
     rover = drawing.rover or planners.Rover()
@@ -464,7 +464,7 @@ def _content(
 def _effort(
     route: "survey.Route", k: int, rover: "planners.Rover", terrain: "survey.Dem | None"
 ) -> "RoverEffort":
-    from planners.driving.energy import effort
+    from planners.routes.rover import effort
     from survey.figures.sheets import RoverEffort
 
     own = effort(route.path(k), rover, terrain, crs=route.crs)

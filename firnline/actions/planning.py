@@ -20,7 +20,7 @@ from firnline.actions.season import plan_season
 if TYPE_CHECKING:
     import planners
     import survey
-    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
 
 
 _DEFAULT_SWATHS = 4
@@ -70,14 +70,14 @@ class AreaPlanResult(PlanResult):
 
     def facts(self) -> dict[str, Any]:
         """Return files, counts and predictions."""
-        from planners.swaths.counting import count_lines
+        from planners.swaths.reference_lines import count_lines
 
         counts = {"lines": count_lines(self.route), "swaths": len(self.route.swaths)}
         return self.request.written | counts | dict(self.route.prediction)
 
     def lines(self) -> list[str]:
         """Return what is expected of the route."""
-        from planners.swaths.counting import swaths_text
+        from planners.swaths.reference_lines import swaths_text
 
         lines = [
             f"{swaths_text(self.route)}, written to {self.request.written_text}",
@@ -91,7 +91,7 @@ class AreaPlanResult(PlanResult):
 
 def plan_area(request: PlanRequest, progress: Progress = no_progress) -> AreaPlanResult:
     """Plan a route of a named pattern."""
-    from planners.driving.rover import Crew, homes_of
+    from planners.routes.rover import Crew, homes_of
 
     config = checked_options(request)
     area, dem = request.read_area()
@@ -198,14 +198,14 @@ def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None
         Too few cells lie on the area.
     """
     import planners
-    from planners.prediction.prior_cover import covered_share
+    from planners.planning import covered_share
 
     return None if covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
 
 
 def _assumption(kernel: "Kernel") -> str:
     """Return in a sentence what the predicted error rests on."""
-    from survey.reconstruction.gp.covariance.kernels import KINDS
+    from survey.reconstruction.gp.kernels import KINDS
 
     family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
     return (
@@ -373,7 +373,7 @@ def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], P
 def _facts(request: PlanRequest) -> dict[str, Any]:
     """Return area, pattern and prior of a request."""
     from survey.core.map_scale import ground_area_m2
-    from survey.core.quantity_text import area_text
+    from survey.core.text import area_text
 
     pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
     if request.require is None and request.season is None:
@@ -381,7 +381,7 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
         pattern = f"{config.planner.pattern}, {config.fleet.rovers} rover{'s' * (config.fleet.rovers > 1)}"
     area, prior = request.read_area()
     if config is not None:
-        from planners.driving.rover import Crew, homes_of
+        from planners.routes.rover import Crew, homes_of
 
         homes_of(area, Crew(config.rover, config.fleet))
     facts = {

@@ -130,8 +130,8 @@ class ScoreRequest(RunOptions):
             An unknown standard, language or form of report, or a column mapping that was not understood.
         """
         from survey.core.errors import InputError
-        from survey.data.ice.motion_file import ICE_MOTION
-        from survey.io.text_tables.spellings import parsed_columns
+        from survey.data.ice_motion import ICE_MOTION
+        from survey.io.column_names import parsed_columns
         from survey.scoring.standards.standards import standard_named
 
         if self.truth is None and self.checkpoints is None:
@@ -180,7 +180,7 @@ class ScoreRequest(RunOptions):
             )
 
     def _check_report(self, report: Path) -> None:
-        from survey.reporting.document.writing import OUTPUTS, check_target
+        from survey.reporting.document import OUTPUTS, check_target
         from survey.reporting.statements import template
 
         template(self.language)
@@ -217,7 +217,7 @@ def map_of(source: Path, crs: str | None = None, epoch_s: float | None = None) -
     import numpy as np
 
     import survey
-    from survey.data.ice.motion_file import ICE_MOTION, read_motion
+    from survey.data.ice_motion import ICE_MOTION, read_motion
     from survey.io.raster import band_count
     from survey.reconstruction import INTERPOLATED
     from survey.reconstruction.motion.epoch import at_epoch
@@ -249,8 +249,7 @@ def scores_by_class(
 
     `surface` gives the slopes: the reference where there is one, else the map.
     """
-    from survey.scoring.class_scores import class_scores, slope_classes
-    from survey.scoring.land_cover import land_cover_at
+    from survey.scoring.class_scores import class_scores, land_cover_at, slope_classes
 
     found: Classes = {}
     for by in request.by:
@@ -494,7 +493,7 @@ def _is_large(request: ScoreRequest) -> bool:
 
 def _in_blocks(request: ScoreRequest) -> "Score":
     import survey
-    from survey.core.crs.agreement import agreed_crs
+    from survey.core.crs import agreed_crs
     from survey.io.raster import raster_facts
     from survey.scoring.blocks import score_files
 
@@ -508,7 +507,7 @@ def _classes(
     request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem", area: "SurveyArea | None"
 ) -> Classes:
     """Return the statistics by class, at the nodes that are scored."""
-    from survey.scoring.comparison import compare, mean_and_std
+    from survey.scoring.scores import compare, mean_and_std
 
     if not request.by:
         return {}
@@ -547,7 +546,7 @@ def _cell_remark(map_: "Reconstruction | Dem", truth: "Dem") -> list[str]:
 def _age_remark(map_: "Reconstruction | Dem") -> list[str]:
     """Return the motion of the ice and for how long the map holds its class, where the map states them."""
     from survey import Dem
-    from survey.scoring.standards.certificate import stated_age
+    from survey.scoring.standards.map_classes import stated_age
 
     age = None if isinstance(map_, Dem) else stated_age(map_)
     return [] if age is None else [age]
@@ -560,8 +559,7 @@ def _reference_report(
     area: "SurveyArea | None",
     classes: Classes,
 ) -> "Document":
-    from survey.reporting.accuracy.parts import ReportSetting
-    from survey.reporting.accuracy.reference import reference_report
+    from survey.reporting.accuracy import ReportSetting, reference_report
 
     assert request.truth is not None
     inputs = {"Map": request.source.name, "Reference": request.truth.name}
@@ -598,7 +596,7 @@ def _score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") -
 
 def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
     """Read the checkpoints, and refuse those that the map was made from."""
-    from survey.io.text_tables.spellings import parsed_columns
+    from survey.io.column_names import parsed_columns
     from survey.scoring import Checkpoints
     from survey.scoring.standards.checkpoints import control_places
 
@@ -653,8 +651,7 @@ def _checkpoint_document(
     area: "SurveyArea | None",
     classes: Classes,
 ) -> "Document":
-    from survey.reporting.accuracy.checkpoints import checkpoint_report
-    from survey.reporting.accuracy.parts import ReportSetting
+    from survey.reporting.accuracy import ReportSetting, checkpoint_report
 
     inputs = {
         "Map": request.source.name,

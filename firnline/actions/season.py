@@ -12,9 +12,8 @@ from firnline.actions.interface import NotMetError, Progress, fact_line, no_prog
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
 
 if TYPE_CHECKING:
-    from planners.guarantee.posterior.surfaces import Surface
-    from planners.season.config import SeasonConfig
-    from planners.season.design import SeasonDesign, SeasonOption
+    from planners.guarantee.requirement import Surface
+    from planners.season import SeasonConfig, SeasonDesign, SeasonOption
 
 
 _CAUSES = {
@@ -50,7 +49,7 @@ class SeasonPlan(PlanResult):
 
     def lines(self) -> list[str]:
         """Return swaths, days and the error with its causes."""
-        from survey.core.quantity_text import length_text
+        from survey.core.text import length_text
 
         config, best = self.design.config, self.design.best
         first, second = self.design.dates(best)
@@ -73,7 +72,7 @@ class SeasonPlan(PlanResult):
 
 def plan_season(request: PlanRequest, progress: Progress = no_progress) -> SeasonPlan:
     """Design two surveys; refuse where no design gives the wanted error."""
-    from planners.season.design import design_season
+    from planners.season import design_season
 
     del progress
     config = season_config(request)
@@ -92,7 +91,7 @@ def season_config(request: PlanRequest) -> "SeasonConfig":
     ConfigError
         An error or dates that cannot be read, or are out of range.
     """
-    from planners.season.config import SeasonConfig
+    from planners.season import SeasonConfig
 
     text = str(request.season).strip()
     first, last = _dates(str(request.dates))
@@ -163,8 +162,8 @@ def _row(design: "SeasonDesign", option: "SeasonOption") -> dict[str, Any]:
 def _write(request: PlanRequest, design: "SeasonDesign", drawing: PlanDrawing) -> None:
     """Write route, map, table and errors; all replace what was there, or none does."""
     from survey import figures
-    from survey.core.files.replacing import replacing_files
-    from survey.figures.season import season_plot
+    from survey.core.replacement import replacing_files
+    from survey.figures.plans import season_plot
 
     chart = figures.plan_map(drawing.area, design.route, terrain=drawing.terrain)
     errors: dict[int, list[tuple[int, float]]] = {}

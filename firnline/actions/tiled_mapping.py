@@ -21,18 +21,15 @@ from firnline.actions.interface import (
 )
 from firnline.actions.requests import ReconstructRequest
 from survey.core.config import Section, validated, with_overrides
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.executors import open_workers
-from survey.core.files.reading import existing_file
-from survey.reconstruction.tiled.cells.disk_space import disk_bytes
-from survey.reconstruction.tiled.config import TiledConfig
-from survey.reconstruction.tiled.job import Control, TiledJob
-from survey.reconstruction.tiled.relief.long_relief import coarse_nodes
-from survey.reconstruction.tiled.request import fingerprint, tiled_job
-from survey.reconstruction.tiled.results import TiledResult
+from survey.core.files import existing_file
+from survey.reconstruction.tiled.global_parameters import coarse_nodes
+from survey.reconstruction.tiled.job import Control, TiledConfig, TiledJob, disk_bytes, fingerprint, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles as make_map
 from survey.reconstruction.tiled.survey_map import prior_on_nodes
+from survey.reconstruction.tiled.tile_map import TiledResult
 
 OWN_FILES = (
     *("dem.vrt", "support.vrt", "coverage.tif", "reconstruction.json", "withheld.png"),
@@ -69,7 +66,7 @@ class TiledMapResult(Result):
             The same.
         """
         from survey.figures import png_bytes
-        from survey.figures.checks.withheld import withheld_plot
+        from survey.figures.calibration import withheld_plot
 
         test, coverage = self.result.test, self.result.coverage
         figure = withheld_plot(test.reliability, coverage.share, coverage.bounds)
@@ -175,7 +172,7 @@ def _refuse_unused(options: ReconstructRequest) -> None:
 
 def _prepare(options: ReconstructRequest, *, removes: bool) -> None:
     """Refuse a finished map in the folder, or foreign files; remove what is there with --force."""
-    from survey.core.files.replacing import refuse_foreign
+    from survey.core.replacement import refuse_foreign
 
     refuse_foreign(options.out, OWN_FILES)
     if options.force and options.out.exists() and removes:

@@ -19,7 +19,7 @@ from firnline.actions.interface import (
     with_companions,
 )
 from firnline.actions.requests import Patience, System
-from survey.core.quantity_text import duration_text
+from survey.core.text import duration_text
 
 if TYPE_CHECKING:
     from live.watch.survey_watch import SurveyWatch
@@ -296,7 +296,7 @@ def _sent_on(
 def _watch(request: WatchRequest) -> "SurveyWatch":
     """Return the watch of a survey before its first sample."""
     from live.watch.survey_watch import SurveyWatch
-    from planners.guarantee.adaptive_state import AdaptiveConfig
+    from planners.guarantee.adaptive import AdaptiveConfig
     from survey import SurveyArea
     from survey.core.errors import ConfigError
 
@@ -316,15 +316,14 @@ def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) ->
     """Return an iterator over what arrives from telemetry or a file, which is connected or found to be there."""
     source, crs = str(request.source), watching.area.crs
     if "://" not in source:
-        from live.watch.growing_file import file_entries
-        from survey.core.files.reading import existing_file
+        from live.watch.samples import file_entries
+        from survey.core.files import existing_file
 
         file = Path(source) if Path(source).is_dir() else existing_file(source, "the samples")
         return file_entries(file, crs, follows=not request.once)
     with needs_live_extra():
-        from live.link.address import LinkAddress
-        from live.link.vehicle import Vehicle
-        from live.watch.telemetry import TelemetryReader, buffered_entries
+        from live.link import LinkAddress, Vehicle
+        from live.watch.samples import TelemetryReader, buffered_entries
 
         link = Vehicle.connected(LinkAddress.parsed(source), request.patience_s, request.system)
         vehicle = stack.enter_context(link)

@@ -130,7 +130,7 @@ def library_findings() -> list[Finding]:
     import pyproj
     import rasterio
 
-    from survey.core.crs.transformation import lacking_grids
+    from survey.core.transformation import lacking_grids
 
     datums = [
         Finding(
@@ -184,7 +184,7 @@ def extra_findings() -> list[Finding]:
 
 def physics_finding() -> Finding:
     """Check whether a rigid-body engine can be imported."""
-    from sim.vehicle.engines import chosen_engine
+    from sim.vehicle.rigid_bodies import chosen_engine
     from survey.core.errors import ConfigError
 
     try:

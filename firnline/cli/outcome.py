@@ -118,7 +118,7 @@ def _end(error: BaseException, *, has_verbose: bool = False) -> NoReturn:
 
 def _sentence(error: BaseException) -> str | None:
     """Return the sentence for what the system refuses; None for a fault of firnline."""
-    from survey.core.files.writing import NO_SPACE
+    from survey.core.files import NO_SPACE
 
     if isinstance(error, MemoryError):
         detail = f" ({error})" if str(error) else ""

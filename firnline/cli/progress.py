@@ -20,8 +20,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from survey.core.quantity_text import duration_text
-from survey.core.runs.store import STAGES
+from survey.core.run_folder import STAGES
+from survey.core.text import duration_text
 
 _DOING = {
     "plan": "planning the route",

@@ -1,11 +1,24 @@
-"""Items of missions and fences as MAVLink carries them (mavlink.io, "Mission Protocol", MISSION_ITEM_INT)."""
+"""Items of missions and fences as MAVLink carries them (mavlink.io, "Mission Protocol", MISSION_ITEM_INT).
 
+`LinkItem` is one item with its place in units of 1e-7 degrees; `first_difference` compares what was sent with what was
+read back. `AutopilotMission` holds the mission and the fence of one rover, from a route, from a ``.plan`` of
+QGroundControl or from a file ``QGC WPL 110``. `require_storable` refuses what an autopilot cannot hold (`Limits`), before
+anything is sent.
+"""
+
+import json
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.interchange.missions import NAV_WAYPOINT, MissionItem
+from live.link import ARDUPILOT, PX4
+from survey.core.errors import InputError
+from survey.data.route import Route
+from survey.interchange.missions import NAV_WAYPOINT, MissionItem, Surroundings, fence_polygons, mission_items
 
 MISSION, FENCE = 0, 1
 """Values of MAV_MISSION_TYPE."""
@@ -153,3 +166,249 @@ def first_difference(sent: Sequence[LinkItem], read: Sequence[LinkItem]) -> int 
 
 def _single(value: float) -> float:
     return float(np.float32(value))
+
+
+_MOST_ON_LINK = 65_535
+_FRAMES = (0, 2, 3, 5, 6, 10, 11)
+
+
+class Limits(NamedTuple):
+    """Items and corners that an autopilot stores with the defaults of its makers; boards may hold more."""
+
+    items: int
+    fence_corners: int
+
+
+_FEWER = {
+    MISSION: "plan fewer or straighter swaths or divide the route",
+    FENCE: "give the outline of the area and its no-go zones fewer corners",
+}
+_LIMITS = {ARDUPILOT: Limits(724, 70), PX4: Limits(2000, 64)}
+
+
+def limits_of(autopilot: int) -> Limits:
+    """Return the limits of an autopilot by its value of MAV_AUTOPILOT; those of the protocol where it is not known.
+
+    Examples
+    --------
+    >>> limits_of(12).items
+    2000
+    """
+    return _LIMITS.get(autopilot, Limits(_MOST_ON_LINK, _MOST_ON_LINK))
+
+
+def n_home_items(autopilot: int) -> int:
+    """Return how many items of a mission are the vehicle's home, which it replaces by its own: 1 of ArduPilot.
+
+    Examples
+    --------
+    >>> n_home_items(3), n_home_items(12)
+    (1, 0)
+    """
+    return int(autopilot == ARDUPILOT)
+
+
+def require_storable(items: Sequence[LinkItem], kind: int, most: int, n_home: int = 0) -> None:
+    """Refuse items that an autopilot cannot hold.
+
+    Parameters
+    ----------
+    items : sequence of LinkItem
+        Of a mission or a fence.
+    kind : int
+        `MISSION` or `FENCE`.
+    most : int
+        Largest number of items.
+    n_home : int
+        How many of the first items are the home position, which may be the first waypoint.
+
+    Raises
+    ------
+    InputError
+        Too many items, a frame that rovers do not know, a latitude or longitude out of range, or neighbouring
+        waypoints that are one place on the link.
+    """
+    name = KIND_NAMES[kind]
+    if len(items) > most:
+        raise InputError(
+            f"the {name} has {len(items)} items, and this autopilot holds {most}; {_FEWER[kind]}, or name with "
+            "--most-items what the board holds."
+        )
+    for index, item in enumerate(items):
+        _require_sound(index, item, name)
+    if kind == MISSION:
+        _require_apart(items[n_home:])
+
+
+def _require_sound(index: int, item: LinkItem, name: str) -> None:
+    """Refuse a frame or a place that no autopilot takes."""
+    if item.frame not in _FRAMES:
+        raise InputError(
+            f"item {index} of the {name} has the altitude frame {item.frame}; one of {', '.join(map(str, _FRAMES))} was "
+            "expected (above sea level, relative to home, above terrain)."
+        )
+    latitude, longitude = item.degrees
+    if item.is_waypoint and not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise InputError(
+            f"item {index} of the {name} lies at {latitude:g}, {longitude:g}; degrees within 90 and 180 were expected."
+        )
+
+
+def _require_apart(items: Sequence[LinkItem]) -> None:
+    """Refuse neighbouring waypoints that the resolution of the link makes one."""
+    for index, (one, other) in enumerate(pairwise(items), start=1):
+        if one.is_waypoint and other.is_waypoint and (one.x, one.y, one.z) == (other.x, other.y, other.z):
+            raise InputError(
+                f"waypoints {index - 1} and {index} are one place at the resolution of the link, 1e-7 deg or 11 mm; "
+                "leave one of them out."
+            )
+
+
+_FRAME_GLOBAL = 0
+_COLUMNS_OF_WPL = 12
+
+
+@dataclass(frozen=True)
+class AutopilotMission:
+    """Items of a mission and of a fence, in degrees.
+
+    Parameters
+    ----------
+    items : tuple of MissionItem
+        Without the home position.
+    fence : tuple of MissionItem
+        Corners of polygons and circles; empty where no area is known.
+    """
+
+    items: tuple[MissionItem, ...]
+    fence: tuple[MissionItem, ...] = ()
+
+    @classmethod
+    def of_route(cls, route: Route, around: Surroundings) -> "AutopilotMission":
+        """Return the mission that ``firnline export ROUTE mission.plan`` writes.
+
+        Parameters
+        ----------
+        route : Route
+            Of one rover.
+        around : Surroundings
+            Area, terrain, speed and return.
+
+        Returns
+        -------
+        AutopilotMission
+            With heights relative to the start.
+
+        Raises
+        ------
+        InputError
+            Several rovers, or surroundings that do not belong to the route.
+        """
+        around.check(route)
+        polygons = [_polygon(fence["polygon"], fence["inclusion"]) for fence in fence_polygons(route, around)]
+        return cls(tuple(mission_items(route, around)), tuple(item for fence in polygons for item in fence))
+
+    @classmethod
+    def read(cls, path: Path) -> "AutopilotMission":
+        """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is.
+
+        Parameters
+        ----------
+        path : pathlib.Path
+            Ends in ``.plan`` or ``.waypoints``.
+
+        Returns
+        -------
+        AutopilotMission
+            With every command of the file.
+
+        Raises
+        ------
+        InputError
+            A file that is missing or damaged.
+        """
+        reader = _read_wpl if path.suffix.lower() == ".waypoints" else _read_qgc_plan
+        try:
+            mission = reader(path.read_text(encoding="utf-8"))
+        except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+            raise InputError(
+                f"the mission {path} is damaged or not of the format of its ending ({error}); save it again."
+            ) from error
+        if not any(LinkItem.of(item).is_waypoint for item in mission.items):
+            raise InputError(
+                f"the mission {path} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
+            )
+        return mission
+
+    def link_items(self, autopilot: int) -> list[LinkItem]:
+        """Return the items for a vehicle; those of ArduPilot begin with the home position, which is no waypoint.
+
+        Parameters
+        ----------
+        autopilot : int
+            MAV_AUTOPILOT of its heartbeat.
+
+        Returns
+        -------
+        list of LinkItem
+            To be sent in this order.
+        """
+        items = [LinkItem.of(item) for item in self.items]
+        first = next((item for item in items if item.is_waypoint), None)
+        if autopilot != ARDUPILOT or first is None:
+            return items
+        return [LinkItem(NAV_WAYPOINT, _FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0), first.x, first.y, 0.0), *items]
+
+    @property
+    def fence_items(self) -> list[LinkItem]:
+        """Items of the fence for the link."""
+        return [LinkItem.of(item) for item in self.fence]
+
+
+def _polygon(corners: list[list[float]], is_inclusion: bool) -> list[MissionItem]:
+    """Return the corners (latitude, longitude) [deg] of one polygon as items, each with their number."""
+    command = INCLUSION_POLYGON if is_inclusion else EXCLUSION_POLYGON
+    return [
+        MissionItem(command, _FRAME_GLOBAL, (len(corners), 0, 0, 0, latitude, longitude, 0))
+        for latitude, longitude in corners
+    ]
+
+
+def _circle(circle: dict[str, Any]) -> MissionItem:
+    """Return a circle of a plan file as an item."""
+    command = INCLUSION_CIRCLE if circle["inclusion"] else EXCLUSION_CIRCLE
+    latitude, longitude = circle["circle"]["center"]
+    return MissionItem(command, _FRAME_GLOBAL, (circle["circle"]["radius"], 0, 0, 0, latitude, longitude, 0))
+
+
+def _read_qgc_plan(text: str) -> AutopilotMission:
+    plan = json.loads(text)
+    fence = plan.get("geoFence", {})
+    polygons = [_polygon(one["polygon"], one["inclusion"]) for one in fence.get("polygons", [])]
+    circles = [_circle(one) for one in fence.get("circles", [])]
+    items = _simple_items(plan["mission"]["items"])
+    return AutopilotMission(tuple(items), tuple([item for one in polygons for item in one] + circles))
+
+
+def _simple_items(items: list[dict[str, Any]]) -> list[MissionItem]:
+    """Return the commands, those inside survey patterns included."""
+    found: list[MissionItem] = []
+    for item in items:
+        if "TransectStyleComplexItem" in item:
+            found += _simple_items(item["TransectStyleComplexItem"]["Items"])
+        else:
+            found.append(MissionItem(item["command"], item["frame"], tuple(item["params"])))
+    return found
+
+
+def _read_wpl(text: str) -> AutopilotMission:
+    """Read the lines after the home position."""
+    first, *rows = text.splitlines()
+    if first.split() != ["QGC", "WPL", "110"]:
+        raise ValueError(f"begins with {first[:40]!r}, not with QGC WPL 110")
+    cells = np.array([row.split() for row in rows if row.strip()], dtype=np.float64)
+    if cells.ndim != 2 or cells.shape[1] != _COLUMNS_OF_WPL:
+        raise ValueError("rows of 12 numbers were expected")
+    return AutopilotMission(
+        tuple(MissionItem(int(row[3]), int(row[2]), tuple(row[4:11].tolist())) for row in cells[1:])
+    )

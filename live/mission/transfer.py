@@ -1,8 +1,9 @@
-"""Mission protocol of MAVLink from the side of the ground station: items to a vehicle, and from it.
+"""Mission protocol of MAVLink from the side of the ground station: items to a vehicle and from it, and the start.
 
 Every message may be lost. A vehicle asks for the items one by one and takes the one that it waits for. While it is
 silent, the last item and those after it are sent unasked, since its request may be what was lost. A transfer ends with
 the vehicle's acknowledgement, with its refusal, or with `LinkLostError` when nothing came for as long as the patience.
+`start_mission` commands the vehicle to begin the mission that it holds.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
 
-from live.link.vehicle import LinkLostError, Vehicle
+from live.link import LinkLostError, Vehicle
 from live.mission.items import KIND_NAMES, LinkItem
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
@@ -310,3 +311,49 @@ def _require_heard(vehicle: Vehicle, heard: float, when: str) -> None:
             f"{vehicle.address.text} was silent for {vehicle.patience_s:g} s {when}; the vehicle holds what it held "
             "before, restore the link and run the command again."
         )
+
+
+_ARM, _START = 400, 300
+_COMMAND_ACCEPTED, _IN_PROGRESS = 0, 5
+_COMMAND_RESEND_S = 1.0
+
+
+def start_mission(vehicle: Vehicle) -> None:
+    """Arm a vehicle and start its mission: it drives off.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That holds a mission.
+
+    Raises
+    ------
+    InputError
+        The vehicle refuses to be armed or to start.
+    LinkLostError
+        The vehicle is silent.
+    """
+    _command(vehicle, _ARM, 1.0, "be armed")
+    _command(vehicle, _START, 0.0, "start its mission")
+
+
+def _command(vehicle: Vehicle, command: int, first: float, words: str) -> None:
+    """Send a command until it is accepted."""
+    began, confirmation = monotonic(), 0
+    while monotonic() - began < vehicle.patience_s:
+        others = (0.0,) * 6
+        vehicle.mav.command_long_send(
+            vehicle.system, vehicle.component, command, min(confirmation, 255), first, *others
+        )
+        confirmation += 1
+        answer = vehicle.receive(("COMMAND_ACK",), _COMMAND_RESEND_S)
+        if answer is None or answer.command != command or answer.result == _IN_PROGRESS:
+            continue
+        if answer.result == _COMMAND_ACCEPTED:
+            return
+        raise InputError(
+            f"{vehicle.name} refused to {words} (MAV_RESULT {answer.result}); look at it in your ground station."
+        )
+    raise LinkLostError(
+        f"{vehicle.address.text} did not answer the order to {words} for {vehicle.patience_s:g} s; restore the link."
+    )

@@ -9,11 +9,10 @@ from pyproj import CRS
 
 from live.mission.items import EXCLUSION_POLYGON, INCLUSION_POLYGON, LinkItem
 from survey.core.arrays import FloatArray
-from survey.core.crs.choice import chosen_crs
-from survey.core.crs.transformation import transformed
 from survey.core.streams import stream
+from survey.core.transformation import chosen_crs, transformed
 from survey.data.dem import Dem
-from survey.io.degrees import WGS84
+from survey.io.vector import WGS84
 
 _STEP_M = 0.5
 

@@ -1,11 +1,14 @@
-"""MAVSDK's servers in front of the simulated rover: mission, telemetry, parameters, actions.
+"""Process of the simulated rover behind MAVSDK's servers: mission, telemetry, parameters, actions.
 
-MAVSDK holds mission and fence, speaks the protocols and answers the ground station. The rover behind it takes what was
-received, and publishes where it is. Starting a mission (MAV_CMD_MISSION_START) is no action of MAVSDK and answered here.
+MAVSDK holds mission and fence, runs the protocols with the ground station. The rover behind it takes what was
+received, drives, and publishes where it is (`serve_rover`). Starting a mission (MAV_CMD_MISSION_START) is no action of
+MAVSDK and is answered here.
 """
 
 import json
 import queue
+from collections.abc import Callable
+from time import monotonic
 from typing import Any, NamedTuple
 
 from mavsdk import logging as mavsdk_logging
@@ -28,9 +31,10 @@ from mavsdk.plugins.telemetry_server.telemetry_server import (
     VelocityNed,
 )
 
-from live.mission.items import LinkItem
-from live.rover.drive import RoverReport, RoverSettings
+from live.mission.items import FENCE, MISSION, LinkItem
+from live.rover.drive import RoverReport, RoverSettings, WaypointDrive
 from live.rover.radio import Radio
+from survey.data.dem import Dem
 
 START_MISSION = 300
 _HDOP, _SATELLITES, _VOLTS = 0.6, 20, 24.0
@@ -132,3 +136,78 @@ def _armable(actions: ActionServer) -> ActionServer:
     actions.set_disarmable(True, True)
     actions.set_allowable_flight_modes(AllowableFlightModes(True, True, False))
     return actions
+
+
+_TELEMETRY_S = 0.2
+_WAIT_S = 0.005
+# Telemetry comes no more often than this, however fast the rover drives; a busy machine slows the rover instead of making
+# it jump farther than this.
+_LEAST_TELEMETRY_S, _MOST_STEP_S = 0.02, 4.0
+
+
+def serve_rover(
+    radio: Radio,
+    settings: RoverSettings,
+    terrain: Dem | None = None,
+    *,
+    hasten: float = 1.0,
+    until: Callable[[], bool] = lambda: False,
+) -> None:
+    """Serve a simulated rover until it is ended.
+
+    Parameters
+    ----------
+    radio : Radio
+        Link to the ground station.
+    settings : RoverSettings
+        Speed, battery, errors of fixes.
+    terrain : Dem, optional
+        Heights that the rover measures.
+    hasten : float
+        How many seconds it drives in a second.
+    until : callable
+        Ends the rover when it returns True.
+    """
+    servers = RoverServers(radio, settings)
+    rover = _Rover(settings, terrain)
+    last, every_s = monotonic(), max(_TELEMETRY_S / max(hasten, 1.0), _LEAST_TELEMETRY_S)
+    try:
+        while not until():
+            packet = radio.receive(_WAIT_S)
+            if packet is not None:
+                servers.take(packet)
+            while not servers.received.empty():
+                rover.take(servers.received.get())
+            now = monotonic()
+            if now - last < every_s:
+                continue
+            if rover.drive is not None:
+                servers.publish(rover.drive.advance(min(hasten * (now - last), _MOST_STEP_S)), settings)
+            last = now
+    finally:
+        servers.close()
+        radio.close()
+
+
+class _Rover:
+    """The rover, which is nowhere before its first mission."""
+
+    def __init__(self, settings: RoverSettings, terrain: Dem | None) -> None:
+        self.settings, self.terrain = settings, terrain
+        self.drive: WaypointDrive | None = None
+        self._fence: Received | None = None
+
+    def take(self, received: Received) -> None:
+        """Take a mission, a fence or the order to start."""
+        if received.kind == FENCE:
+            self._fence = received
+        elif received.kind == MISSION:
+            first = next((item for item in received.items if item.is_waypoint), None)
+            if self.drive is None and first is not None:
+                self.drive = WaypointDrive.over(self.settings, self.terrain, first)
+            if self.drive is not None:
+                self.drive.set_mission(received.items)
+        elif self.drive is not None:
+            self.drive.start()
+        if self.drive is not None and self._fence is not None:
+            self.drive.set_fence(self._fence.items)

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import shapely
 
-from live.watch.sample import Sample
+from live.watch.samples import Sample
 from live.watch.survey_watch import Event, SurveyWatch
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 VERSION = 1
 

@@ -1,22 +1,255 @@
-"""State of a survey while it is driven: samples in, events out."""
+"""State of a survey while it is driven: samples in, events out.
+
+`SurveyWatch` takes samples and silences, updates the map, follows the rover along the planned legs (`LegProgress`), warns
+of a rover that is stuck, silent or short of charge for the way home (`RoverWarnings`), and advises the next swath or the
+end (`advised`). The rule is that of `planners.guarantee.adaptive`: the survey ends when the probability that its map
+meets the limit is large enough. It may be evaluated after every swath, since a posterior probability keeps its meaning under
+optional stopping.
+"""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from live.watch.advice import Advice, advised
 from live.watch.live_map import LiveMap
-from live.watch.progress import LegProgress
-from live.watch.sample import Sample, SampleGate
-from live.watch.warnings import RoverWarnings
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from live.watch.samples import Sample, SampleGate
+from planners.config import settings_factor
+from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveState
+from planners.guarantee.error_distribution import MapPrediction
 from planners.guarantee.requirement import reachable_class
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid
-from survey.data.legs import Leg
+from survey.data.route import Leg, Route
+from survey.reconstruction.gp.kernels import Kernel
+
+_STUCK_S, _STUCK_M = 90.0, 1.5
+_SILENT_S = 30.0
+# Share of the charge that stays in the battery, and how much longer than straight the way home may be.
+_RESERVE, _DETOUR = 0.1, 1.3
+_LEAST_DRIVEN_M = 50.0
+
+
+@dataclass
+class RoverWarnings:
+    """Conditions of one rover; each is reported once when it begins."""
+
+    _start: Sample | None = None
+    _moved: Sample | None = None
+    _last_s: float = 0.0
+    _standing: set[str] = field(default_factory=set)
+
+    def of(self, sample: Sample, driven_m: float, is_over: bool) -> list[dict[str, Any]]:
+        """Return the warnings that begin with a sample; a rover that has nothing left to drive (`is_over`) is not stuck."""
+        self._start = self._start or sample
+        if self._moved is None or is_over or _apart_m(self._moved, sample) > _STUCK_M:
+            self._moved = sample
+        self._last_s = sample.time_s
+        still_s = sample.time_s - self._moved.time_s
+        found = [*self._when("silent", False, sample.time_s, "")]
+        found += self._when("stuck", still_s > _STUCK_S, sample.time_s, f"no movement for {still_s:.0f} s")
+        return found + self._battery(sample, driven_m)
+
+    def silent(self, time_s: float) -> list[dict[str, Any]]:
+        """Return a warning when nothing has arrived for a while."""
+        silent_s = time_s - self._last_s
+        return self._when("silent", silent_s > _SILENT_S, time_s, f"nothing received for {silent_s:.0f} s")
+
+    def _battery(self, sample: Sample, driven_m: float) -> list[dict[str, Any]]:
+        """Compare the charge with what the way home takes at the rate so far."""
+        start = self._start
+        if start is None or start.battery is None or sample.battery is None or driven_m < _LEAST_DRIVEN_M:
+            return []
+        per_m = max(start.battery - sample.battery, 0.0) / driven_m
+        home_m = _DETOUR * _apart_m(start, sample)
+        needed = per_m * home_m + _RESERVE
+        words = (
+            f"{sample.battery:.0%} left, and the way home of {home_m:.0f} m needs {needed:.0%} with a reserve"
+        )
+        return self._when("battery", sample.battery < needed, sample.time_s, words)
+
+    def _when(self, name: str, is_so: bool, time_s: float, words: str) -> list[dict[str, Any]]:
+        """Return an event when a condition begins."""
+        if not is_so:
+            self._standing.discard(name)
+            return []
+        if name in self._standing:
+            return []
+        self._standing.add(name)
+        return [{"event": "warning", "time_s": time_s, "about": name, "text": words}]
+
+
+def _apart_m(one: Sample, other: Sample) -> float:
+    return float(np.hypot(one.x_m - other.x_m, one.y_m - other.y_m))
+
+
+# Share of its length by which the way along a leg may be longer or shorter than planned.
+_ODD_SHARE = 0.2
+
+
+class LegProgress:
+    """Legs that a rover has driven, from the places it was at.
+
+    A leg is driven when the rover has passed near its end, after most of its length. Between two places it counts as
+    driven straight, so that telemetry may pause. A rover that is followed from the middle of its drive on, or again after
+    a loss of the link, is found on a later leg once it has driven that from its beginning to its end; the legs before
+    then count as driven.
+
+    Parameters
+    ----------
+    legs : list of Leg
+        In driving order; more may be added.
+    near_m : float
+        Distance from the end of a leg at which it counts as reached [m].
+
+    Examples
+    --------
+    >>> progress = LegProgress([Leg("swath", [[0.0, 0.0], [10.0, 0.0]])], near_m=1.0)
+    >>> [progress.moved(np.array([x, 0.1])) for x in (0.0, 5.0, 9.5)]
+    [(), (), (0,)]
+    """
+
+    def __init__(self, legs: list[Leg], near_m: float) -> None:
+        self.legs, self.near_m = legs, near_m
+        self.n_driven = 0
+        self.driven_m = 0.0
+        self._from_m = 0.0
+        self._begun_m: dict[int, float] = {}
+        self._last: FloatArray | None = None
+
+    def moved(self, xy: FloatArray) -> tuple[int, ...]:
+        """Take the next place (2,) [m]; return the legs that it completes.
+
+        Parameters
+        ----------
+        xy : (2,) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        tuple of int
+            Indices into the legs.
+        """
+        last = xy if self._last is None else self._last
+        self._last = xy
+        self.driven_m += float(np.hypot(*(xy - last)))
+        before = self.n_driven
+        while (index := self._reached(last, xy)) is not None:
+            self._from_m = self.driven_m - float(np.hypot(*(xy - self.legs[index].xy[-1])))
+            self.n_driven = index + 1
+        for index in range(self.n_driven + 1, len(self.legs)):
+            if _gap_m(self.legs[index].xy[0], last, xy) <= self.near_m:
+                self._begun_m[index] = self.driven_m
+        return tuple(range(before, self.n_driven))
+
+    def _reached(self, before: FloatArray, after: FloatArray) -> int | None:
+        """Return the leg whose end was passed between two places, the nearest end of several."""
+        gaps_m = {
+            index: _gap_m(self.legs[index].xy[-1], before, after)
+            for index in range(self.n_driven, len(self.legs))
+            if self._may_end(index)
+        }
+        nearest = min(gaps_m, key=gaps_m.__getitem__, default=None)
+        return None if nearest is None or gaps_m[nearest] > self.near_m else nearest
+
+    def _may_end(self, index: int) -> bool:
+        """Return whether the rover may be at the end of a leg by the way since its beginning; of later legs, of a swath."""
+        leg = self.legs[index]
+        if index == self.n_driven:
+            return self.driven_m - self._from_m >= (1.0 - _ODD_SHARE) * leg.length_m - self.near_m
+        if leg.kind != "swath" or index not in self._begun_m or leg.length_m < 4.0 * self.near_m:
+            return False
+        way_m = self.driven_m - self._begun_m[index]
+        return abs(way_m - leg.length_m) <= _ODD_SHARE * leg.length_m + 2.0 * self.near_m
+
+    @property
+    def driven(self) -> list[Leg]:
+        """Legs that were driven."""
+        return self.legs[: self.n_driven]
+
+
+def _gap_m(place: FloatArray, before: FloatArray, after: FloatArray) -> float:
+    """Return the distance of a place from the straight way between two others [m]."""
+    way, apart = after - before, place - before
+    share = np.clip(np.dot(apart, way) / max(float(np.dot(way, way)), 1e-12), 0.0, 1.0)
+    return float(np.hypot(*(apart - share * way)))
+
+
+class Advice(NamedTuple):
+    """What to do next.
+
+    Parameters
+    ----------
+    now : MapPrediction
+        Probability of the limit, and error, of the map of what was driven.
+    with_next : MapPrediction or None
+        The same with the next swath.
+    with_all : MapPrediction or None
+        The same with all swaths that are planned to follow.
+    legs : tuple of Leg
+        Way to the next swath and along it; empty where the survey ends.
+    is_met : bool
+        Whether the limit holds with the probability asked for.
+    kernel : Kernel
+        Likeliest covariance of the terrain.
+    unseen_m2 : float
+        Variance of relief so fine that samples show it as noise [m²].
+    """
+
+    now: MapPrediction
+    with_next: MapPrediction | None
+    with_all: MapPrediction | None
+    legs: tuple[Leg, ...]
+    is_met: bool
+    kernel: Kernel
+    unseen_m2: float
+
+
+def advised(
+    area: SurveyArea, driven: list[Leg], xy: FloatArray, heights: FloatArray, config: AdaptiveConfig
+) -> Advice:
+    """Return the next swath, or that the survey ends.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        What is to be mapped.
+    driven : list of Leg
+        What was driven so far, by one rover.
+    xy, heights : (N, 2) and (N,) ndarray
+        Places and heights of the samples [m].
+    config : AdaptiveConfig
+        Requirement on the map, and errors of the samples.
+
+    Returns
+    -------
+    Advice
+        No legs and ``is_met`` False where no survey of the swaths allowed would do.
+
+    Raises
+    ------
+    InputError
+        Too few samples to fit a covariance.
+    """
+    in_grid = config.in_grid_metres(settings_factor(area))
+    state = AdaptiveState.driven(area, Route(tuple(driven), area.crs, "adaptive"), xy, heights, in_grid)
+    likeliest = state.posterior.likeliest
+    now = state.predicted
+    lines = None if state.is_met else state.further(in_grid.probability)
+    if lines is None:
+        return Advice(now, None, None, (), state.is_met, likeliest.kernel, likeliest.unseen_m2)
+    line = state.nearest(lines)
+    with_next, with_all = state.predicted_with([line]), state.predicted_with(lines)
+    state.drive(line, _unmeasured)
+    legs = tuple(state.legs[len(driven) :])
+    return Advice(now, with_next, with_all, legs, False, likeliest.kernel, likeliest.unseen_m2)
+
+
+def _unmeasured(xy: FloatArray) -> FloatArray:
+    return np.full(len(xy), np.nan)
+
 
 Event = dict[str, Any]
 _SITE_MARGIN_M = 200.0

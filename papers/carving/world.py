@@ -11,10 +11,10 @@ import numpy as np
 
 from papers.emap.world import RasterHeights
 from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.streams import stream
 from survey.data.grid import Grid
-from survey.data.scans.scanner import Scanner
+from survey.data.sensors.lidar import Scanner
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.nodes import bilinear
 from survey.terrain.random_fields import fractional_brownian, squared_exponential_field

@@ -11,7 +11,7 @@ from numba import njit
 from scipy.special import erf
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.surface_points import SurfacePoints

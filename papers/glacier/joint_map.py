@@ -8,45 +8,92 @@ and 1.2 % of scale error, landmarks up to 25 m to either side, satellite cells o
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 import planners
-from papers.glacier.joint_cases import (
-    AREA,
-    ASSUMED_TAU_S,
-    CASES,
-    CRS,
-    MICRO_RELIEF_M,
-    NODES,
-    ODOMETRY,
-    RECEIVER,
-    RELIEF_M,
-    SIDE_M,
-    Case,
-)
 from planners import LawnmowerConfig
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.aiding import with_way_home
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical, with_way_home
 from survey.core.arrays import FloatArray, Progress
+from survey.core.crs import projected_crs
 from survey.core.streams import stream
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Sightings
 from survey.data.trajectory import Trajectory
-from survey.reconstruction import Reconstruction, reconstruct
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
+from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointMap
+from survey.reconstruction.prior import SatelliteErrors
 from survey.terrain import satellite_copy
 from survey.terrain.random_fields import kernel_field
 from vision_slam import LocalizationConfig, localize
+
+CRS = projected_crs("EPSG:32608", "the study")
+SIDE_M, RELIEF_M, MICRO_RELIEF_M = 600.0, 25.0, 0.15
+AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+NODES = Grid((3.75, 3.75, 596.25, 596.25), 7.5, CRS)
+ODOMETRY: dict[str, Any] = {
+    "yaw_sigma_deg": 0.5,
+    "tilt_sigma_deg": 0.4,
+    "scale_sigma": 0.012,
+    "step_sigma_m": 0.012,
+}
+RECEIVER: dict[str, Any] = {"gps_bias_sigma_m": 3.0, "gps_white_sigma_m": 1.0}
+ASSUMED_TAU_S = 300.0
+"""Correlation time of the receiver that the estimator assumes: the longer one is the safer."""
+KERNEL = GaussianProcessConfig(
+    fit=False,
+    family="two-scale",
+    variance_m2=9.0,
+    length_scale_m=140.0,
+    second_variance_m2=0.25,
+    second_length_scale_m=55.0,
+    nugget_m=MICRO_RELIEF_M,
+    mean="plane",
+    tolerance_m=5e-3,
+)
+STATED = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=1.0))
+"""Error of the satellite prior as its product states it."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to survey and to map."""
+
+    name: str
+    errors: Literal["independent", "inflated", "joint"] = "joint"
+    satellite: bool = True
+    aids: dict[str, Any] = field(default_factory=lambda: {"barometer": False})
+    satellite_offset_m: float = 0.0
+    assumed: dict[str, Any] = field(default_factory=dict)
+    joint: JointConfig = STATED
+    gp: GaussianProcessConfig = KERNEL
+    swaths: int = 4
+    tie_lines: int = 0
+
+
+GRAVITY = {"accelerometer": True, "barometer": True}
+STAKES = {**GRAVITY, "stakes": 4}
+CASES = (
+    Case("per-landmark noise", "independent", satellite=False),
+    Case("inflated noise", "inflated", satellite=False),
+    Case("joint", satellite=False),
+    Case("joint + satellite"),
+    Case("+ gravity, barometer", aids=GRAVITY),
+    Case("+ 4 stakes", aids=STAKES),
+)
+"""The steps of the comparison."""
+
 
 _LATERAL_M = np.array([-25.0, -16.0, -9.0, -4.0, 0.0, 4.0, 9.0, 16.0, 25.0])
 _PER_GROUP = 6

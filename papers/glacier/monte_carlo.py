@@ -14,16 +14,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import planners
-from sim.montecarlo.config import RandomKind, StudyConfig
-from sim.montecarlo.map_config import GivenMap, Map, SearchedMap
-from sim.montecarlo.report import draw_curves, error_curves
+from sim.montecarlo.config import GivenMap, Map, RandomKind, SearchedMap, StudyConfig
+from sim.montecarlo.results import (
+    SummaryRow,
+    curves,
+    draw_curves,
+    error_curves,
+    minimum_swaths,
+    summary,
+    write_rows,
+)
 from sim.montecarlo.study import run_study
-from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths, summary, write_rows
 from survey import Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
-from survey.core.files.writing import replacing
+from survey.core.files import replacing
 from survey.core.streams import stream
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled
 from survey.scoring import Coverage
 

@@ -1,18 +1,28 @@
-"""Lines across an area, addressed by their distance from its edge."""
+"""Lines across an area, addressed by their distance from its edge: counts that are tried, and lines for the gaps.
 
-from collections.abc import Sequence
+`SurveyLines` gives the swath on the line at an offset, and the offsets of the lines of a route. `swath_counts` lists
+the numbers of swaths that are considered, and `fewest` searches for the smallest number that is enough. `gaps_filled`
+lays further lines between those already driven, each where it lowers the squared error most.
+"""
+
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from planners.config import LawnmowerConfig, WavyConfig
-from planners.ground.transit import FreeGround
+from planners.guarantee.requirement import MapRequirement
+from planners.patterns.lawnmower import LawnmowerConfig
+from planners.patterns.wavy import WavyConfig, wavy
 from planners.planning import plan
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import clipped
-from planners.swaths.swaths import axes_of, shortened
-from planners.swaths.wavy import wavy
+from planners.swaths.heading import across_marked_grain
+from planners.swaths.reference_lines import axes_of, shortened
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.area import SurveyArea
+from survey.data.dem import Dem
 from survey.data.route import Route
 
 _INSET_SHARE = 0.25
@@ -68,3 +78,152 @@ class SurveyLines:
         offset = xy @ self.left - float(self.v.min())
         nearest: IntArray = np.argmin(np.abs(offset[:, None] - np.array(offsets)), axis=1)
         return nearest
+
+
+_OUTER_SHARE = 0.35
+
+
+def gaps_filled(
+    driven: Sequence[float], width_m: float, n_lines: int, growth: float
+) -> list[tuple[float, float]]:
+    r"""Lay further lines (offset, spacing) [m], each where it saves the most.
+
+    What a strip of width w between two lines adds to the squared error is taken to grow as :math:`w^{2 \nu + 1}`
+    for a terrain of smoothness ν. Lines in a gap lie at equal distances, the outermost
+    0.35 of a spacing from the border.
+
+    Parameters
+    ----------
+    driven : sequence of float
+        Offsets of the lines driven [m].
+    width_m : float
+        Width of the area [m].
+    n_lines : int
+        How many lines to lay.
+    growth : float
+        The exponent 2 ν + 1.
+
+    Examples
+    --------
+    >>> [round(offset) for offset, _ in gaps_filled([100.0], 600.0, 3, 4.0)]
+    [249, 399, 548]
+    """
+    gaps = _gaps(driven, width_m)
+    for _ in range(n_lines):
+        saved = [gap.cost(growth) - gap.with_another().cost(growth) for gap in gaps]
+        most = int(np.argmax(saved))
+        gaps[most] = gaps[most].with_another()
+    return sorted(line for gap in gaps for line in gap.lines)
+
+
+class _Gap(NamedTuple):
+    """A strip of the area, whether each side is a border of it, and how many lines are laid in it."""
+
+    low_m: float
+    high_m: float
+    is_border: tuple[bool, bool]
+    n_lines: int = 0
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Distances of the strip's sides from its outermost lines, in spacings."""
+        low, high = (_OUTER_SHARE if border else 1.0 for border in self.is_border)
+        return low, high
+
+    @property
+    def spacing_m(self) -> float:
+        """Distance between lines that lie evenly; with no line, what would leave the strip as it is."""
+        n_spacings = self.n_lines - 1 + sum(self.ends)
+        return (self.high_m - self.low_m) / (n_spacings if n_spacings > 0.0 else 0.5 * _OUTER_SHARE)
+
+    @property
+    def lines(self) -> list[tuple[float, float]]:
+        """Offset and spacing of the lines [m]."""
+        first = self.low_m + self.ends[0] * self.spacing_m
+        return [(first + k * self.spacing_m, self.spacing_m) for k in range(self.n_lines)]
+
+    def with_another(self) -> "_Gap":
+        """Return the strip with one more line."""
+        return self._replace(n_lines=self.n_lines + 1)
+
+    def cost(self, growth: float) -> float:
+        """Return the squared error of the strip, up to a factor."""
+        n_strips = self.n_lines + 1 - sum(0.5 for border in self.is_border if border)
+        return float(max(n_strips, 0.5) * self.spacing_m**growth)
+
+
+def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
+    """Return the strips between the lines driven, and between them and the borders."""
+    sides = [0.0, *sorted(driven), width_m]
+    last = len(sides) - 2
+    return [_Gap(low, high, (index == 0, index == last)) for index, (low, high) in enumerate(pairwise(sides))]
+
+
+_MOST_SWATHS = 30
+_WIDEST_CELLS = 5.0
+
+
+def heading_and_width(area: SurveyArea, prior: Dem) -> tuple[float, float]:
+    """Return the heading of swaths across a marked grain of a prior [deg], and the area's width across them [m]."""
+    # A covariance that is alike in all directions does not show ridges that run beside the swaths.
+    heading_deg = across_marked_grain(FreeGround(area.free), prior)
+    return heading_deg, SurveyLines(area, heading_deg).width_m
+
+
+def fewest(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:
+    """Return the smallest number from 1 to `most` that is enough, sought from `first` on; None where none is.
+
+    Examples
+    --------
+    >>> fewest(lambda n: n >= 7, first=5, most=30)
+    7
+    """
+    low, high, step = 0, min(max(first, 1), most), 1
+    if is_enough(high):
+        while high - step > low:
+            if not is_enough(high - step):
+                low = high - step
+                break
+            high, step = high - step, 2 * step
+    else:
+        while not is_enough(high):
+            if high >= most:
+                return None
+            low, high, step = high, min(high + step, most), 2 * step
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if is_enough(middle) else (middle, high)
+    return high
+
+
+def swath_counts(width_m: float, cell_m: float, requirement: MapRequirement) -> tuple[int, ...]:
+    """Return the numbers of swaths that are considered, from the least coverage to the most.
+
+    Swaths are at most five cells of the prior apart, for relief that is longer is all that the prior shows well, and
+    at least two samples, or 30 of them on a narrow area. Beyond fifteen, numbers grow by a tenth.
+
+    Parameters
+    ----------
+    width_m : float
+        Width of the area across the swaths [m].
+    cell_m : float
+        Width of a cell of the prior [m].
+    requirement : MapRequirement
+        Its distance between samples and its largest number of swaths are used.
+
+    Returns
+    -------
+    tuple of int
+        In rising order, at least one.
+
+    Examples
+    --------
+    >>> swath_counts(600.0, 30.0, MapRequirement(0.4572, max_swaths=16))
+    (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16)
+    """
+    dense = max(_MOST_SWATHS, int(width_m / (2.0 * requirement.sample_step_m)))
+    most = requirement.max_swaths or dense
+    counts = [min(max(int(np.ceil(width_m / (_WIDEST_CELLS * cell_m))), 2), most)]
+    while counts[-1] < most:
+        counts.append(min(max(counts[-1] + 1, round(1.1 * counts[-1])), most))
+    return tuple(counts)

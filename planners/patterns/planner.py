@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from planners.config import PatternConfig
-from planners.driving.rover import Crew
-from planners.prediction.error_model import ErrorModel
-from planners.steering.steering import Steering
-from planners.swaths.wavy import slope_length_m
+from planners.prediction import ErrorModel, slope_length_m
+from planners.routes.rover import Crew
+from planners.steering import Steering
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
@@ -66,34 +65,12 @@ class LayoutTask(NamedTuple):
 
 
 def never(config: Any) -> bool:  # noqa: ARG001
-    """Return False for every configuration.
-
-    Parameters
-    ----------
-    config : PatternConfig
-        Settings of a planner.
-
-    Returns
-    -------
-    bool
-        False.
-    """
+    """Return False for every configuration."""
     return False
 
 
 def always(config: Any) -> bool:  # noqa: ARG001
-    """Return True for every configuration.
-
-    Parameters
-    ----------
-    config : PatternConfig
-        Settings of a planner.
-
-    Returns
-    -------
-    bool
-        True.
-    """
+    """Return True for every configuration."""
     return True
 
 

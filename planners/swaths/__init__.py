@@ -1,4 +1,4 @@
-"""Swath geometry: parallel lines, decomposition of the area, heading, wavy and tie lines.
+"""Swath geometry: parallel lines, decomposition of the area and their heading.
 
-Their order and the transits between them live in `planners.driving`.
+Their order and the transits between them live in `planners.routes`.
 """

@@ -1,4 +1,9 @@
-"""Boustrophedon decomposition: parallel swaths clipped to free ground of any shape and grouped into cells."""
+"""Boustrophedon decomposition: parallel swaths clipped to free ground of any shape and grouped into cells.
+
+`swaths_on` lays lines at a spacing, clips each to the ground less a headland for turns, and adds lines where a pocket
+of the ground would stay unswept. `cells` joins swaths of neighbouring lines between which no border lies; swaths of a
+cell can be driven back and forth without a detour.
+"""
 
 from typing import Any
 
@@ -7,10 +12,10 @@ import shapely
 from shapely import Polygon
 
 from planners.capacity import require_lines
-from planners.ground.transit import FreeGround
-from planners.swaths.cells import cells
-from planners.swaths.swaths import axes_of
-from survey.core.arrays import FloatArray
+from planners.routes.local_search import ends_of
+from planners.routes.shortest_paths import FreeGround
+from planners.swaths.reference_lines import axes_of
+from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import ConfigError, InputError
 
 _SHORTEST_M = 0.01
@@ -133,7 +138,7 @@ def unswept(
 
     Parallel swaths leave the tips beyond their ends where a border is slanted; no metre
     of such a tip is farther than half a spacing from the line that the swath is cut from.
-    Ground within `headland_m` of a border is not asked for.
+    Ground within `headland_m` of a border is left out.
     """
     _require_spacing(spacing_m)
     half_m = (0.5 + _THREAD_SHARE) * spacing_m
@@ -219,3 +224,42 @@ def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
         ends = shapely.line_locate_point(full, shapely.points(xy[[0, -1]]))
         arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
     return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
+
+
+def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:
+    """Group straight swaths into the cells of a boustrophedon decomposition (Choset 2000).
+
+    Swaths on neighbouring lines belong to one cell when each is the other's only
+    neighbour; a line that splits, merges, begins or ends starts a new cell.
+
+    Parameters
+    ----------
+    swaths : list of (2, 2) ndarray
+        As `swaths_on` returns them [m].
+    heading_deg : float
+        Their heading, counter-clockwise from east [deg].
+
+    Returns
+    -------
+    (N,) ndarray of int
+        The cell of each swath, counted from 0 in the order of the lines.
+    """
+    along, left = axes_of(heading_deg)
+    ends = ends_of(swaths).reshape(-1, 2, 2)
+    u = np.sort(ends @ along, axis=1)
+    line = np.unique(np.round(-(ends[:, 0] @ left), 3), return_inverse=True)[1]
+    cell = np.full(len(swaths), -1, dtype=np.int64)
+    n_cells = 0
+    for i in range(len(swaths)):
+        before = _beside(u, i, np.flatnonzero(line == line[i] - 1))
+        if len(before) == 1 and len(_beside(u, before[0], np.flatnonzero(line == line[i]))) == 1:
+            cell[i] = cell[before[0]]
+        else:
+            cell[i], n_cells = n_cells, n_cells + 1
+    return cell
+
+
+def _beside(u: FloatArray, i: int, others: IntArray) -> IntArray:
+    """Return those of `others` whose stretch along the heading overlaps that of swath `i`."""
+    beside: IntArray = others[(u[others, 0] < u[i, 1]) & (u[others, 1] > u[i, 0])]
+    return beside

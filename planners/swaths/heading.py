@@ -4,9 +4,9 @@ import numpy as np
 import shapely
 
 from planners.config import HeadingRule
-from planners.ground.transit import FreeGround
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import swaths_on
-from planners.swaths.swaths import axes_of, narrowest_heading
+from planners.swaths.reference_lines import axes_of, narrowest_heading
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem

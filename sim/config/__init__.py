@@ -1,4 +1,5 @@
-"""The mission file: every section as a model with defaults and units.
+"""Settings of a mission file: one model for each section, with defaults and units.
 
-The study file of a Monte Carlo lives in `sim.montecarlo`.
+`mission` holds the file and its sections; `world`, `rover` and `sensors` hold the settings of what is simulated. The
+study file of a Monte Carlo lives in `sim.montecarlo`.
 """

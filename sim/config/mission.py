@@ -1,27 +1,181 @@
-"""Configuration of a mission: every section with defaults and units; unknown keys are refused."""
+"""Configuration of a mission: every section with defaults and units; unknown keys are refused.
+
+A `PlacedSection` is a file of settings whose relative paths count from its folder. `DrawnSetting` is a range from which
+every run of a rehearsal draws one setting. `MismatchConfig` draws ratios of assumed to simulated errors, uniform in the
+logarithm. `MissionConfig` is the file; terrain, rover and instruments have their sections in the other modules of this
+folder.
+"""
 
 from math import atan, degrees
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
+import numpy as np
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
 
 from planners import PlannerConfig, Rover
-from sim.config.drive import PhysicsConfig
-from sim.config.faults import FaultConfig
-from sim.config.fleet import FleetConfig
-from sim.config.ice import IceConfig
-from sim.config.mismatch import MismatchConfig
-from sim.config.payload import PayloadConfig
-from sim.config.placed import PlacedSection
-from sim.config.rehearsal import DrawnSetting
-from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
-from sim.config.sensors import InstrumentsConfig, LidarConfig
-from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
+from sim.config.rover import FleetConfig, PayloadConfig, PhysicsConfig
+from sim.config.sensors import FaultConfig, InstrumentsConfig, LidarConfig
+from sim.config.world import (
+    AppearanceConfig,
+    DemTerrain,
+    IceConfig,
+    ImagingConfig,
+    SatelliteConfig,
+    SceneryConfig,
+    TerrainConfig,
+)
 from survey.core.config import Section
 from survey.core.streams import stream
 from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
+
+
+class PlacedSection(Section):
+    """Settings of a file; paths in it count from its folder."""
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def read_from(self, folder: Path) -> Self:
+        """Return the settings with their relative paths counted from `folder`.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Folder of the file that was read.
+
+        Returns
+        -------
+        PlacedSection
+            The same settings.
+        """
+        placed = self.model_copy()
+        placed._folder = folder
+        return placed
+
+    def path(self, file: str) -> Path:
+        """Return the place of a file that the settings name.
+
+        Parameters
+        ----------
+        file : str
+            Path as the settings name it.
+
+        Returns
+        -------
+        pathlib.Path
+            Relative paths count from the folder of the file that was read.
+        """
+        return self._folder / file
+
+
+class DrawnSetting(Section):
+    """A setting that every run of a rehearsal draws from a range, evenly.
+
+    Examples
+    --------
+    >>> DrawnSetting(setting="sensors.gps_bias_sigma_m", between=(0.5, 2.0)).setting
+    'sensors.gps_bias_sigma_m'
+    """
+
+    setting: str
+    """Name of the setting with its section, such as sensors.gps_bias_sigma_m."""
+    between: tuple[float, float]
+    """Least and greatest value."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        low, high = self.between
+        if low > high:
+            raise ValueError(f"{self.setting} is drawn from {low:g} to {high:g}; put the smaller value first")
+        return self
+
+
+_SIGMAS = (
+    "yaw_sigma_deg",
+    "tilt_sigma_deg",
+    "scale_sigma",
+    "step_sigma_m",
+    "gps_bias_sigma_m",
+    "gps_white_sigma_m",
+    "barometer_drift_sigma_m",
+    "barometer_white_sigma_m",
+)
+_CORRELATIONS = ("gps_correlation_time_s", "barometer_correlation_time_s", "attitude_correlation_m")
+
+
+class MismatchConfig(Section):
+    """Ranges of the ratios of assumed to drawn errors; each ratio is drawn from its range, uniform in the logarithm."""
+
+    sigma_ratio: tuple[PositiveFloat, PositiveFloat] = (1.0, 1.0)
+    """Least and greatest ratio of an assumed standard deviation to the one that ``localization`` states."""
+    landmark_ratio: tuple[PositiveFloat, PositiveFloat] = (1.0, 1.0)
+    """The same of the claimed to the drawn standard deviations of landmarks, statistical fidelity only."""
+    correlation_ratio: tuple[PositiveFloat, PositiveFloat] = (1.0, 1.0)
+    """The same for assumed correlation times and lengths."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for name in ("sigma_ratio", "landmark_ratio", "correlation_ratio"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(
+                    f"{name} goes from {low:g} to {high:g}, not from the smaller ratio to the greater"
+                )
+        return self
+
+    def drawn_landmark_ratio(self, seed: int) -> float:
+        """Draw the ratio of claimed to drawn standard deviations of landmarks.
+
+        Parameters
+        ----------
+        seed : int
+            The mission's seed.
+
+        Returns
+        -------
+        float
+            Within `landmark_ratio`.
+        """
+        return _drawn_ratio(self.landmark_ratio, seed, "landmarks")
+
+    def assumed(self, stated: LocalizationConfig, seed: int) -> LocalizationConfig:
+        """Return the assumptions of the estimator, off by the drawn ratios.
+
+        Parameters
+        ----------
+        stated : LocalizationConfig
+            Assumptions that are multiplied.
+        seed : int
+            The mission's seed; every ratio has a random stream of its own.
+
+        Returns
+        -------
+        LocalizationConfig
+            Equal to `stated` where the ranges are 1 to 1.
+
+        Examples
+        --------
+        >>> wrong = MismatchConfig(sigma_ratio=(2.0, 2.0)).assumed(LocalizationConfig(), 1)
+        >>> wrong.gps_bias_sigma_m, wrong.gps_correlation_time_s
+        (2.0, 120.0)
+        """
+        ranges = dict.fromkeys(_SIGMAS, self.sigma_ratio) | dict.fromkeys(
+            _CORRELATIONS, self.correlation_ratio
+        )
+        changed = {
+            name: getattr(stated, name) * _drawn_ratio(between, seed, name)
+            for name, between in ranges.items()
+            if between != (1.0, 1.0)
+        }
+        return stated.model_copy(update=changed)
+
+
+def _drawn_ratio(between: tuple[float, float], seed: int, name: str) -> float:
+    """Draw a ratio, uniform in its logarithm."""
+    low, high = np.log(between)
+    return float(np.exp(stream(seed, "mismatch", name).uniform(low, high)))
+
 
 SCHEMA_VERSION = 1
 """Version of the keys of mission and study files; it grows when a key changes its meaning."""

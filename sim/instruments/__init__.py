@@ -1,4 +1,5 @@
-"""Simulated instruments: camera, GPS, IMU, wheels, LiDAR, and their time-correlated errors.
+"""Simulated instruments: GPS, IMU, wheels, LiDAR and others, and their time-correlated errors.
 
-Each is a function of motion and ground, described once in `registry`; the rover itself is in `sim.vehicle`.
+Each is a function of motion and ground, described once in `registry`. The rover is in `sim.vehicle`, its camera in
+`sim.simulate.assembly`.
 """

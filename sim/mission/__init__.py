@@ -1,4 +1,4 @@
-"""A mission from plan to report: stages, run folders, report page, template.
+"""A mission from plan to report: mission file, run folder, stages.
 
-Simulation of the drive lives in `sim.simulate`.
+Read `stages` first: each stage reads files and writes files. Simulation of the drive lives in `sim.simulate`.
 """

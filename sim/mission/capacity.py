@@ -7,11 +7,10 @@ reconstruction methods stand in `planners.capacity` and `survey.reconstruction.c
 import math
 
 from planners.capacity import require_cells
-from planners.driving.rover import Crew, homes_of
+from planners.routes.rover import Crew, homes_of
 from sim.config.mission import MissionConfig
-from sim.config.scene import LARGEST_STEP_M
 from sim.config.sensors import InstrumentConfig
-from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain
+from sim.config.world import LARGEST_STEP_M, DemTerrain, RandomTerrain, SampleTerrain
 from sim.world.site import World, build_world
 from survey.core.arrays import Bounds
 from survey.core.errors import CapacityError

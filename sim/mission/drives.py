@@ -12,32 +12,27 @@ import shapely
 import planners
 import survey
 import vision_slam
-from planners.driving.energy import effort
-from planners.driving.replanning import Loss, cut_short
-from planners.steering.waypoints import WaypointSteering
-from sim.config.faults import faults_of
+from planners.routes.replanning import Loss, cut_short
+from planners.routes.rover import effort
+from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
-from sim.instruments.lidar.drawn_scans import scans_along
-from sim.simulate.ideal import simulate_ideal
-from sim.simulate.payload import record_payload
-from sim.simulate.sensed_attitude import sensed_attitude
+from sim.config.sensors import faults_of
+from sim.instruments.environment import record_payload
+from sim.instruments.lidar import scans_along
 from sim.simulate.simulated_drive import ONBOARD, Ending
-from sim.simulate.statistical import simulate_statistical
-from sim.world.assumed_motion import assumed_motion
-from sim.world.moving_ice import epoch_of
+from sim.simulate.simulation import sensed_attitude, simulate_ideal, simulate_statistical
+from sim.world.moving_ice import assumed_motion, epoch_of
 from sim.world.site import World
 from survey.core.documents import write_json
 from survey.core.streams import stream
-from survey.data.ice.motion_file import ICE_MOTION, read_motion, write_motion
-from survey.data.recording import Recording
-from survey.data.sensors.tables import table_file
+from survey.data.ice_motion import ICE_MOTION, read_motion, write_motion
+from survey.data.recording import Recording, table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
-from survey.reconstruction.motion.epoch import with_age
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.epoch import in_fixed_frame, with_age
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 from vision_slam.odometry.odometer import VisualOdometry
 
 DRIVE_FILE = "drive.json"
@@ -118,7 +113,7 @@ def _drive_with_images(
 ) -> None:
     """Drive with rendered images, steered by the estimate or by the real pose, and write the drive."""
     # Here: physics and compiled rendering take a second to import.
-    from sim.simulate.onboard.navigator_process import navigating
+    from sim.simulate.navigator import navigating
     from sim.simulate.vision import EDGE_M, simulate_vision
 
     steering = _steering_on_the_way(route, world, mission, EDGE_M)

@@ -1,8 +1,9 @@
-"""Drives of several rovers in one mission: side by side, each in a folder of its own, with one map of all.
+"""Drives of several rovers in one mission: each in a folder of its own, with one map of all.
 
 With one rover the files of a stage lie in the stage's folder itself; with several, those of each rover lie in
 ``rover-01``, ``rover-02`` … below it. When a rover is lost and the others are to share its swaths, they are driven
-again along the new route, whose first part is the old one.
+again along the new route, whose first part is the old one. Ties are places that the images of two rovers saw from
+above; they join their paths in the joint map.
 """
 
 import shutil
@@ -10,16 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
 import survey
-from planners.driving.energy import predicted
-from planners.driving.replanning import Loss, cut_short, remaining_swaths, replanned
-from planners.ground.transit import FreeGround
-from sim.config.faults import FaultConfig
+from planners.routes.replanning import Loss, cut_short, remaining_swaths, replanned
+from planners.routes.rover import predicted
+from planners.routes.shortest_paths import FreeGround
 from sim.config.mission import MissionConfig
+from sim.config.sensors import FaultConfig
 from sim.mission.drives import (
     DRIVE_FILE,
     drivable_area,
@@ -28,12 +29,19 @@ from sim.mission.drives import (
     loss_on,
     write_account,
 )
-from sim.simulate.simulated_drive import Ending
+from sim.simulate.simulated_drive import ONBOARD, Ending
 from sim.world.site import World, build_world
 from survey.core.documents import read_json, write_json
 from survey.core.executors import run_all
 from survey.core.streams import stream
-from survey.data.legs import Leg
+from survey.data.recording import Recording
+from survey.data.route import Leg
+from survey.data.sensors.odometry import DriveTies
+from survey.reconstruction.joint.drives import SeveralDrives
+
+if TYPE_CHECKING:
+    from vision_slam.places.loop_closures import SeenDrive
+
 
 LOSS_FILE = "losses.json"
 """Rovers that were lost, and what it cost."""
@@ -95,7 +103,7 @@ def drive_fleet(
         _drive_each(changed, route, mission, folder, workers)
     route.write(folder / "driven_route.geojson")
     if losses:
-        write_json(folder / LOSS_FILE, _account(planned, route, losses, left_m, mission))
+        write_json(folder / LOSS_FILE, _fleet_account(planned, route, losses, left_m, mission))
 
 
 def drive_alone(
@@ -201,7 +209,7 @@ def _differs(before: survey.Route, after: survey.Route, rover: int) -> bool:
     return route_of(before, rover).legs != route_of(after, rover).legs
 
 
-def _account(
+def _fleet_account(
     planned: survey.Route,
     driven: survey.Route,
     losses: Sequence[Loss],
@@ -226,3 +234,53 @@ def _account(
         "extra_length_m": after["length_m"] - before["length_m"],
         "extra_time_s": after["time_s"] - before["time_s"],
     }
+
+
+TIES_FILE = "ties.csv"
+"""Places that rovers share, in the folder of their localization; there is none where they share none."""
+
+
+def find_ties(simulated: Path, localized: Path) -> None:
+    """Write the places that rovers with images share."""
+    from vision_slam.places.loop_closures import (
+        detect_drive_ties,  # here, because OpenCV takes long to import
+    )
+
+    seen = [_seen(place, localized / place.relative_to(simulated)) for place in drive_folders(simulated)]
+    drives = [drive for drive in seen if drive is not None]
+    ties = detect_drive_ties(drives) if len(drives) == len(seen) > 1 else None
+    if ties is not None:
+        ties.write(localized / TIES_FILE)
+
+
+def _seen(simulated: Path, localized: Path) -> "SeenDrive | None":
+    """Return images, odometry and path of a drive; None without images."""
+    from vision_slam.odometry.onboard import read_visual_odometry
+    from vision_slam.places.loop_closures import SeenDrive
+
+    recording, odometry = Recording.read(simulated / "recording"), simulated / "recording" / ONBOARD
+    if recording.frames is None or recording.camera is None or not odometry.exists():
+        return None
+    path = survey.Trajectory.read(localized / "trajectory.csv", recording.crs)
+    return SeenDrive(recording.frames, recording.camera, read_visual_odometry(odometry), path)
+
+
+def tied_drives(
+    drives: SeveralDrives, paths: Sequence[survey.Trajectory], localized: Path, mission: MissionConfig
+) -> SeveralDrives:
+    """Return the landmarks of all rovers, corrected by the places that they share."""
+    from vision_slam.fusion.pose_constraints import tie_drives
+
+    file = localized / TIES_FILE
+    if drives.path is None or not file.exists():
+        return drives
+    return tie_drives(drives, paths, DriveTies.read(file), mission.assumed)
+
+
+def n_ties(localized: Path, n_rovers: int) -> list[int]:
+    """Return how many places each rover shares with others."""
+    file = localized / TIES_FILE
+    if not file.exists():
+        return [0] * n_rovers
+    ties = DriveTies.read(file)
+    return [int(((ties.first == k) | (ties.second == k)).sum()) for k in range(n_rovers)]

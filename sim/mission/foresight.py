@@ -14,25 +14,23 @@ import numpy as np
 from scipy.special import gammainc
 
 import planners
-from planners.driving.rover import Crew
-from planners.ground.traversability import drivable
-from planners.guarantee.search import fewest
-from planners.planning import planned_on
-from planners.prediction.map_places import spread_places
-from planners.prediction.prior_cover import require_cover
-from planners.swaths.counting import count_lines
+from planners.guarantee.survey_lines import fewest
+from planners.planning import planned_on, require_cover
+from planners.prediction import spread_places
+from planners.routes.rover import Crew
+from planners.routes.traversability import drivable
+from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.drives import localized
-from sim.mission.ice_route import in_ice_order
-from sim.simulate.aiding import with_way_home
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical, with_way_home
+from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.selection.families import SMOOTH_TO_ROUGH, likeliest
+from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointSolution
 

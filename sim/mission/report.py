@@ -1,4 +1,8 @@
-"""Report page of a mission, made from its run folder alone."""
+"""Report page and QGIS project of a mission, made from its run folder alone.
+
+The page shows plan, paths, map and scores, with the provenance of the run. The QGIS project holds plan, map with its
+standard deviation and support, prior and reference as layers.
+"""
 
 from dataclasses import replace
 from importlib.metadata import version
@@ -7,21 +11,18 @@ from pathlib import Path
 import numpy as np
 
 import survey
-from sim.mission.drives import DRIVE_FILE, SCAN_POINTS, mapped_points
-from sim.mission.fleet import LOSS_FILE, drive_folders
-from sim.mission.fleet_ties import n_ties
-from sim.mission.hazards import HAZARDS
-from sim.mission.payload import PAYLOAD
-from sim.mission.qgis_project import write_run_project
-from sim.simulate.preview import animated
+from sim.mission.derived_maps import HAZARDS, PAYLOAD
+from sim.mission.drives import DRIVE_FILE, LANDMARKS, SCAN_POINTS, mapped_points
+from sim.mission.fleet import LOSS_FILE, drive_folders, n_ties
+from sim.simulate.simulated_drive import animated
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.sensors.payload import Quantity
 from survey.data.truth import Truth
 from survey.io.tables import read_table
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reporting import (
     FleetResults,
     HazardResults,
@@ -31,6 +32,7 @@ from survey.reporting import (
     SurveyResults,
     write_report,
 )
+from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
 from vision_slam.plotting import tracks_on_frames
 
 
@@ -163,3 +165,76 @@ def _provenance(run: RunFolder) -> dict[str, str]:
         "configuration": manifest["config_sha256"],
     }
     return facts | {f"input {name}": digest for name, digest in manifest["inputs_sha256"].items()}
+
+
+def write_run_project(file: Path, run: RunFolder, reconstruction: survey.Reconstruction) -> None:
+    """Write the project of a run; it refers to the files of its stages by relative paths.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The project, in the folder of a stage.
+    run : RunFolder
+        All stages but the report are done.
+    reconstruction : survey.Reconstruction
+        The map of the run.
+    """
+    plan, simulated = run.folder("plan"), run.folder("simulate")
+    area = survey.SurveyArea.read(plan / "area.gpkg")
+    groups = (
+        QgisGroup("Survey", tuple(_survey_layers(run, area))),
+        QgisGroup("Map", tuple(_map_layers(run.folder("reconstruct"), reconstruction))),
+        QgisGroup("Reference", tuple(_terrain_layers(drive_folders(simulated)[0] / "truth" / "dem.tif"))),
+        QgisGroup("Prior", tuple(_terrain_layers(plan / "prior.tif"))),
+    )
+    write_project(file, run.path.parent.name, groups, area.crs, area.bounds)
+
+
+def _survey_layers(run: RunFolder, area: survey.SurveyArea) -> list[QgisLayer]:
+    driven, planned = run.folder("simulate") / "driven_route.geojson", run.folder("plan") / "route.geojson"
+    n_rovers = survey.Route.read(planned).n_rovers
+    file = run.folder("plan") / "area.gpkg"
+    layers = [
+        QgisLayer("Driven route", driven, "route", table="route", n_rovers=n_rovers),
+        QgisLayer("Planned route", planned, "route", table="route", n_rovers=n_rovers, is_visible=False),
+        QgisLayer("Survey area", file, "area", table="area"),
+        *_point_layers(run.folder("localize")),
+    ]
+    return [QgisLayer("Starts", file, "starts", table="area"), *layers] if len(area.starts) else layers
+
+
+def _point_layers(folder: Path) -> list[QgisLayer]:
+    """Return the landmarks of each rover, and the points of its scans."""
+    places = drive_folders(folder)
+    shown = {LANDMARKS: "Surface points", SCAN_POINTS: "Scan points"}
+    return [
+        QgisLayer(
+            name if len(places) == 1 else f"{name}, {place.name}",
+            place / file,
+            "points",
+            table=Path(file).stem,
+            is_visible=False,
+        )
+        for place in places
+        for file, name in shown.items()
+        if (place / file).exists()
+    ]
+
+
+def _map_layers(folder: Path, reconstruction: survey.Reconstruction) -> list[QgisLayer]:
+    mean, std = (value_limits(dem.elevation) for dem in (reconstruction.mean, reconstruction.std))
+    file = folder / "dem.tif"
+    return [
+        QgisLayer("Support", folder / "support.tif", "support", is_visible=False),
+        QgisLayer("Standard deviation", file, "deviation", 2, (0.0, std[1]), is_visible=False),
+        QgisLayer("Hillshade", file, "hillshade"),
+        QgisLayer("Elevation", file, "elevation", 1, mean),
+    ]
+
+
+def _terrain_layers(file: Path) -> list[QgisLayer]:
+    limits = value_limits(survey.Dem.read(file).elevation)
+    return [
+        QgisLayer("Hillshade", file, "hillshade", is_visible=False),
+        QgisLayer("Elevation", file, "elevation", limits=limits, is_visible=False),
+    ]

@@ -1,23 +1,39 @@
-"""Mission files and run folders: read a mission, open the folder that belongs to it."""
+"""Mission files and run folders: read a mission, and open the folder that belongs to it.
+
+A run folder holds the resolved mission, the checksums of its inputs, and the versions of the packages that compute
+results; a mixture of versions is refused, for it may give other bytes. `mission_template` and `json_schema` are
+generated from the configuration models: a mission file with every setting explained, and the JSON Schema (draft
+2020-12) with which editors complete and check it.
+"""
 
 import os
 import platform
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
 
 import tomlkit
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core.core_schema import IsInstanceSchema
+from tomlkit.items import Table
 
-from sim.config.mission import SCHEMA_VERSION, MissionConfig
+from planners import LawnmowerConfig
+from sim.config.mission import SCHEMA_VERSION, AreaConfig, MissionConfig
+from sim.config.world import DemTerrain, RandomTerrain
 from sim.mission.capacity import require_mission
-from sim.mission.versions import current_versions
 from survey.core.arguments import check_types
 from survey.core.config import read_toml, refuse_newer_schema, validated, with_overrides
-from survey.core.files.reading import existing_file
-from survey.core.files.replacing import refuse_unwritable
-from survey.core.runs.manifest import file_sha256
-from survey.core.runs.store import RunFolder
+from survey.core.documents import file_sha256
+from survey.core.errors import InputError
+from survey.core.files import existing_file
+from survey.core.replacement import refuse_unwritable, resolved
+from survey.core.run_folder import RunFolder
 from survey.core.text import printable
-from survey.io.companions import companion_files
+from survey.io.dataset_files import companion_files
 
 
 def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
@@ -163,3 +179,170 @@ def resolved_text(mission: MissionConfig) -> str:
         TOML.
     """
     return tomlkit.dumps(mission.model_dump(mode="json", exclude_none=True))
+
+
+_COMPUTING = (
+    "firnline",
+    "numpy",
+    "scipy",
+    "numba",
+    "finufft",
+    "gtsam",
+    "opencv-python-headless",
+    "mujoco",
+    "pybullet",
+    "rasterio",
+    "pyproj",
+    "shapely",
+    "scikit-image",
+    "scikit-learn",
+)
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of Python and of the installed packages that compute results.
+
+    Returns
+    -------
+    dict
+        Version by package. Of Python the patch number is left out; packages that only draw, store
+        or read settings are not listed, so that their updates disturb no run.
+    """
+    found = {"python": ".".join(platform.python_version_tuple()[:2])}
+    for name in _COMPUTING:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # one of the physics engines suffices
+            continue
+    return found
+
+
+def refuse_other_versions(before: Mapping[str, Any], where: str, remedy: str) -> None:
+    """Refuse to continue results that other versions have begun.
+
+    Parameters
+    ----------
+    before : mapping of str to Any
+        Versions of `current_versions` when the results were begun.
+    where : str
+        The results, for the message.
+    remedy : str
+        What to do instead, for the message.
+
+    Raises
+    ------
+    InputError
+        Names the packages that differ, both versions and the remedy.
+    """
+    now = current_versions()
+    changes = [
+        f"{name} {before.get(name) or 'not installed'} (now {now.get(name) or 'not installed'})"
+        for name in dict.fromkeys([*before, *now])
+        if before.get(name) != now.get(name)
+    ]
+    if changes:
+        raise InputError(
+            f"{where} was begun with {', '.join(changes)}, and a mixture of versions may give other bytes; {remedy}."
+        )
+
+
+_DIRECTIVE = "#:schema mission.schema.json\n"  # editors know no space after the mark
+_HEAD = (
+    "A firnline mission; lengths in metres, times in seconds, angles in degrees.",
+    "Every key stands at its default; a key that is deleted takes it. A key behind # has no default.",
+    "firnline schema mission > mission.schema.json lets editors complete and check this file.",
+)
+_LIMITS = (("ge", "at least"), ("gt", "above"), ("le", "at most"), ("lt", "below"))
+
+
+def mission_template(name: str, dem: Path | None = None, *, clip_to_terrain: bool = False) -> str:
+    """Return a runnable mission as TOML; each key carries its meaning and unit as a comment.
+
+    Settings that have no default value stand as comments. `clip_to_terrain` is for a raster with unknown cells.
+    """
+    safe = re.sub(r"[^A-Za-z0-9_.-]", "-", name).lstrip("-_.") or "mission"
+    terrain = (
+        RandomTerrain(source="random") if dem is None else DemTerrain(source="dem", file=str(resolved(dem)))
+    )
+    mission = MissionConfig(
+        schema_version=1,
+        name=safe,
+        terrain=terrain,
+        area=AreaConfig(clip_to_terrain=clip_to_terrain),
+        planner=LawnmowerConfig(swaths=4),
+    )
+    document = tomlkit.document()
+    for line in _HEAD:
+        document.add(tomlkit.comment(line))
+    _fill_template(document, mission)
+    return _DIRECTIVE + tomlkit.dumps(document)
+
+
+def _fill_template(table: Table | tomlkit.TOMLDocument, section: BaseModel) -> None:
+    nested: list[tuple[str, BaseModel]] = []
+    for key, info in type(section).model_fields.items():
+        value = getattr(section, key)
+        if isinstance(value, BaseModel):
+            nested.append((key, value))
+            continue
+        meaning = _explained_setting(info)
+        if value is None:
+            table.add(tomlkit.comment(f"{key} =    # {meaning}"))
+        else:
+            table.add(key, _toml_item(value).comment(meaning) if meaning else _toml_item(value))
+    for key, inner in nested:
+        block = tomlkit.table()
+        _fill_template(block, inner)
+        table.add(tomlkit.nl())
+        table.add(key, block)
+
+
+def _explained_setting(info: FieldInfo) -> str:
+    """Return the meaning of a setting, with its choices or limits in brackets."""
+    meaning = " ".join((info.description or "").split())
+    if get_origin(info.annotation) is Literal:
+        choices = get_args(info.annotation)
+        allowed = ["one of " + ", ".join(map(str, choices))] if len(choices) > 1 else []
+    else:
+        bounds = ((word, getattr(part, key, None)) for part in info.metadata for key, word in _LIMITS)
+        allowed = [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
+    return f"{meaning} ({', '.join(allowed)})".strip() if allowed else meaning
+
+
+def _toml_item(value: Any) -> Any:
+    return tomlkit.item(list(value) if isinstance(value, tuple) else value)
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+class _FileSchema(GenerateJsonSchema):
+    """Describe objects that a file names by text, such as covariance functions, as text."""
+
+    def is_instance_schema(self, schema: IsInstanceSchema) -> dict[str, Any]:  # noqa: ARG002
+        return {"type": "string"}
+
+
+def json_schema(model: type[BaseModel], title: str) -> dict[str, Any]:
+    """Return the JSON Schema of a configuration: keys with type, limits, default and meaning.
+
+    Parameters
+    ----------
+    model : type of pydantic.BaseModel
+        Configuration, such as `MissionConfig`.
+    title : str
+        Title of the schema.
+
+    Returns
+    -------
+    dict
+        JSON Schema, draft 2020-12. Checks across several keys are not in it.
+
+    Examples
+    --------
+    >>> from sim.config.mission import ScoreConfig
+    >>> json_schema(ScoreConfig, "score")["properties"]["require"]["enum"]
+    ['class-1', 'class-2', 'class-3']
+    """
+    schema = model.model_json_schema(schema_generator=_FileSchema)
+    return {"$schema": DIALECT, **schema, "title": title}

@@ -17,20 +17,18 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.config.mission import MissionConfig
+from sim.mission.derived_maps import map_hazards, map_payloads, score_payloads
 from sim.mission.drives import estimate_drive, mapped_points, path_scores, with_ice_motion
-from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
-from sim.mission.fleet_ties import find_ties, tied_drives
-from sim.mission.hazards import map_hazards
-from sim.mission.ice_route import in_ice_order, write_on_ice
-from sim.mission.payload import map_payloads, score_payloads
-from sim.mission.versions import refuse_other_versions
-from sim.simulate.aiding import with_way_home
+from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet, find_ties, tied_drives
+from sim.mission.runs import refuse_other_versions
+from sim.simulate.simulation import with_way_home
+from sim.world.moving_ice import in_ice_order, write_on_ice
 from sim.world.site import build_world
 from survey.core.arguments import check_types
 from survey.core.documents import write_json
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.run_folder import STAGES, RunFolder
 from survey.data.truth import Truth
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.policy import map_landmarks
 
 logger = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""Monte Carlo studies over random DEMs: trials, blocks, summary, report.
+"""Monte Carlo studies over random DEMs: study file, trials, results.
 
 Studies that reproduce the papers live in `papers`.
 """

@@ -1,27 +1,106 @@
-"""Study files of a Monte Carlo: terrains, planners, maps and the number of trials."""
+"""Study files of a Monte Carlo: terrains, planners, maps, and the blocks of trials.
+
+Surveys of one route share the factorization of their maps, so trials come in blocks. A `TrialBlock` is
+what one worker does at a time and what is stored; a `Trial` is a row of the table.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
+    Discriminator,
     Field,
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    Tag,
 )
 
 from planners import PlannerConfig, planner_config
-from sim.config.mission import SCHEMA_VERSION, RoverConfig, SensorConfig
-from sim.config.placed import PlacedSection
-from sim.config.terrain import SatelliteConfig, TerrainFamily
-from sim.montecarlo.map_config import Map, MapClassName, Name, ReconstructedMap, SearchedMap
+from sim.config.mission import SCHEMA_VERSION, PlacedSection, RoverConfig, SensorConfig
+from sim.config.world import SatelliteConfig, TerrainFamily
 from survey.core.config import Section, read_toml, refuse_newer_schema, validated, with_overrides
 from survey.core.errors import ConfigError
-from survey.reconstruction.registry import METHODS
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.registry import METHODS, LandmarkErrors, MethodName, ReconstructionConfig
 from survey.scoring.standards.map_classes import map_classes
 from vision_slam import LocalizationConfig
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,/()<=-]*$")]
+MapClassName = Literal["class-1", "class-2", "class-3"]
+
+
+class SearchedMap(Section):
+    """A Gaussian process whose kernel is searched for each survey; surveys on one route share the work."""
+
+    method: Literal["searched"] = "searched"
+    name: Name = "fitted"
+    """Name of the map in the table."""
+    families: tuple[SearchedFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+    """Covariance functions to compare by their likelihood."""
+
+
+class GivenMap(Section):
+    """A Gaussian process with the same given kernel for every survey."""
+
+    method: Literal["given"]
+    name: Name
+    """Name of the map in the table."""
+    family: SearchedFamily = "squared-exponential"
+    """Covariance function."""
+    variance_m2: PositiveFloat
+    """Prior variance about the mean [m²]."""
+    length_scale_m: PositiveFloat
+    """Length scale [m]."""
+
+
+class ReconstructedMap(Section):
+    """Any reconstruction that a mission can have, survey by survey."""
+
+    method: MethodName
+    """A reconstruction method, as in a mission."""
+    name: Name
+    """Name of the map in the table."""
+    use_prior: bool = False
+    """Build around a satellite's cells instead of a constant."""
+    landmark_errors: LandmarkErrors = "joint"
+    """Of the statistical fidelity, as in a mission: whether map and path are one estimate (method gp), or landmarks
+    count as independent, with the path's variance in each or without."""
+    gp: GaussianProcessConfig = GaussianProcessConfig()
+    """Settings of the Gaussian process."""
+    joint: JointConfig = JointConfig()
+    """Settings of the joint estimate."""
+
+    @property
+    def settings(self) -> ReconstructionConfig:
+        """The same settings as a mission's section has them."""
+        return ReconstructionConfig(
+            method=self.method,
+            use_prior=self.use_prior,
+            landmark_errors=self.landmark_errors,
+            gp=self.gp,
+            joint=self.joint,
+        )
+
+
+def _kind_of_map(given: Any) -> str:
+    """Return the tag of a map: searched, given, or else one of the reconstruction methods."""
+    method = given.get("method", "searched") if isinstance(given, dict) else given.method
+    return method if method in ("searched", "given") else "reconstructed"
+
+
+Map = Annotated[
+    Annotated[SearchedMap, Tag("searched")]
+    | Annotated[GivenMap, Tag("given")]
+    | Annotated[ReconstructedMap, Tag("reconstructed")],
+    Discriminator(_kind_of_map),
+]
+
 
 _SIZES = ("swaths", "spacing_m", "budget_m", "rmse_m")
 
@@ -195,3 +274,66 @@ def read_study(path: Path, overrides: Sequence[str] = ()) -> StudyConfig:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     return study.read_from(path.parent)
+
+
+_TOGETHER = {"ideal": 50, "statistical": 1}
+
+
+class TrialBlock(NamedTuple):
+    """Trials ``first`` to ``first + n - 1`` on the terrain of this number in the study."""
+
+    terrain: int
+    first: int
+    n: int
+
+    @property
+    def name(self) -> str:
+        """Name of the block's file."""
+        return f"{self.terrain:03d}-{self.first:07d}"
+
+
+def trials_together(study: StudyConfig) -> int:
+    """Return the number of trials in a block."""
+    return _TOGETHER[study.fidelity]
+
+
+def blocks_of(study: StudyConfig) -> list[TrialBlock]:
+    """Return the blocks of a study in the order of its table."""
+    size = trials_together(study)
+    return [
+        TrialBlock(terrain, first, min(size, study.trials - first))
+        for terrain in range(len(study.terrains))
+        for first in range(0, study.trials, size)
+    ]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One line of the table: a survey of one terrain, and how good its map is.
+
+    ``claimed_m`` is the root mean square of the map's own standard deviation; ``silent_share`` the share of
+    nodes without a height. Lengths are metres.
+    """
+
+    terrain: str
+    trial: int
+    planner: str
+    swaths: int
+    map: str
+    length_m: float
+    n_samples: int
+    rmse_m: float
+    bias_m: float
+    p95_m: float
+    worst_m: float
+    claimed_m: float
+    silent_share: float
+    family: str
+    length_scale_m: float
+    sd_m: float
+
+
+def as_columns(trials: Sequence[Trial]) -> dict[str, list[Any]]:
+    """Return the table's columns."""
+    names = Trial.__dataclass_fields__
+    return {name: [getattr(trial, name) for trial in trials] for name in names}

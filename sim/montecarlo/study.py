@@ -2,6 +2,8 @@
 
 study.toml ──▶ blocks/*.parquet, in any order, by any engine ──▶ trials.parquet, trials.csv
                                    ──▶ summary.csv, minimum_swaths.csv ──▶ figures, page
+
+`require_study` checks the sizes before the first trial.
 """
 
 import fcntl
@@ -13,25 +15,24 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
-from sim.mission.runs import input_checksums
-from sim.mission.versions import current_versions, refuse_other_versions
-from sim.montecarlo.blocks import TrialBlock, blocks_of
-from sim.montecarlo.capacity import require_study
-from sim.montecarlo.config import StudyConfig
-from sim.montecarlo.report import write_study_report
-from sim.montecarlo.summary import minimum_swaths, summary, write_rows
-from sim.montecarlo.tables import block_file, write_block, write_tables
-from sim.montecarlo.trials import survey_block
-from survey.core.documents import read_json, write_json
-from survey.core.errors import ConfigError, InputError
-from survey.core.executors import Engine, run_all
-from survey.core.files.replacing import refuse_unwritable, replacing_files
-from survey.core.runs.manifest import (
-    RECORD,
-    is_intact,
-    with_checksum,
-    write_record,
+from sim.mission.capacity import require_terrain_cells
+from sim.mission.runs import current_versions, input_checksums, refuse_other_versions
+from sim.montecarlo.config import RandomKind, StudyConfig, TrialBlock, blocks_of, trials_together
+from sim.montecarlo.results import (
+    block_file,
+    minimum_swaths,
+    summary,
+    write_block,
+    write_rows,
+    write_study_report,
+    write_tables,
 )
+from sim.montecarlo.trials import survey_block
+from survey.core.documents import RECORD, is_intact, read_json, with_checksum, write_json, write_record
+from survey.core.errors import CapacityError, ConfigError, InputError
+from survey.core.executors import Engine, run_all
+from survey.core.replacement import refuse_unwritable, replacing_files
+from survey.reconstruction.capacity import smallest_step_m
 
 _BEGUN, _BEGUN_SHA256 = "study.json", "study_sha256"
 TrialProgress = Callable[[int, int], None]
@@ -191,3 +192,48 @@ def _differences(old: Any, new: Any, where: str) -> Iterator[tuple[str, str, str
             yield from _differences(one, other, f"{where}.{index}")
     elif old != new:
         yield where, json.dumps(old), json.dumps(new)
+
+
+MOST_ROWS = 100_000_000
+"""Rows of the table of trials; about 100 bytes each."""
+MOST_CELLS_TOGETHER = 200_000_000
+"""Cells of all terrains of a block, 8 bytes each."""
+MOST_NODES = 1_000_000
+"""Nodes at which a map is judged."""
+
+
+def require_study(study: StudyConfig) -> None:
+    """Refuse a study whose table, terrains or maps would not fit.
+
+    Parameters
+    ----------
+    study : StudyConfig
+        The study.
+
+    Raises
+    ------
+    CapacityError
+        Names the setting and a value that would pass.
+    """
+    per_trial = len(study.terrains) * len(study.designs) * len(study.maps)
+    if study.trials * per_trial > MOST_ROWS:
+        raise CapacityError(
+            f"{study.trials} trials give {study.trials * per_trial:.3g} rows, and {MOST_ROWS} can be stored; "
+            f"set trials to at most {MOST_ROWS // per_trial}."
+        )
+    together = min(trials_together(study), study.trials)
+    for kind in study.terrains:
+        if isinstance(kind, RandomKind):
+            require_terrain_cells(kind.size_m, kind.size_m, kind.step_m, MOST_CELLS_TOGETHER // together)
+            _require_nodes(kind.size_m, study.map_step_m)
+
+
+def _require_nodes(size_m: float, step_m: float) -> None:
+    """Refuse more nodes than maps can be judged at."""
+    n_nodes = (size_m / step_m) ** 2
+    if n_nodes > MOST_NODES:
+        smallest = smallest_step_m(size_m, size_m, MOST_NODES)
+        raise CapacityError(
+            f"map_step_m = {step_m:g} gives {n_nodes:.3g} nodes on {size_m:g} m, and maps can be judged at {MOST_NODES}; "
+            f"set it to {smallest:g} or more."
+        )

@@ -1,6 +1,7 @@
 """Renderer of height fields for wide-angle cameras near the ground: images, depth, and optical flow.
 
-The terrain that it renders is in `sim.world`, the rover's camera in `sim.instruments`.
+`visibility` finds where the rays meet the ground, `footprint` samples the textures, `light` gives the radiance, and
+`renderer` makes the image. The terrain is in `sim.world`, the rover's camera in `sim.simulate`.
 """
 
 from sim.rendering.renderer import Renderer, RoverBox

@@ -26,7 +26,7 @@ from sim.rendering.compiled import (
     u32,
     u64,
 )
-from sim.rendering.rays import RowRays
+from sim.rendering.visibility import RowRays
 
 LATTICE_M = 6.0
 """Side of the triangles in which the texture keeps one position."""

@@ -1,4 +1,5 @@
 """Simulated surveys at three fidelities: ideal, statistical, and vision.
 
-Models of single instruments live in `sim.instruments`, the rover in `sim.vehicle`.
+`simulation` holds the first two, `vision` the drive with physics and rendered images. Models of single instruments live
+in `sim.instruments`, the rover in `sim.vehicle`.
 """

@@ -22,13 +22,13 @@ from sim.config.mission import SensorConfig
 from sim.simulate.simulated_drive import ONBOARD
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
-from vision_slam.agreement.drive import align_heading
+from vision_slam.agreement.steps import align_heading
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry
 

@@ -11,32 +11,32 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.steering.waypoints import WaypointSteering
+from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
-from sim.instruments.camera import rover_camera
+from sim.instruments.registry import Instruments, ReadingLog
 from sim.instruments.sensor import InstrumentSetup
-from sim.instruments.stakes import surveyed_stakes
-from sim.instruments.suite import Instruments, ReadingLog
-from sim.simulate.assembly import camera_on_rover, rover_physics, stakes_beside
-from sim.simulate.faults import Faults
-from sim.simulate.ice_records import stake_surveys, truth_of_epoch
-from sim.simulate.navigation import Navigator, PoseEstimate, Start
-from sim.simulate.onboard.monitor import LOGGED_HZ, STANDING_S, STEERED_HZ, DriveMonitor, heading_of
-from sim.simulate.simulated_drive import Ending, SimulatedDrive
-from sim.simulate.steered_path import SteeredPath
+from sim.instruments.visual_measurements import stake_surveys, surveyed_stakes, truth_of_epoch
+from sim.simulate.assembly import Faults, camera_on_rover, rover_camera, rover_physics, stakes_beside
+from sim.simulate.navigation import Navigator, PoseEstimate, Start, SteeredPath
+from sim.simulate.simulated_drive import (
+    LOGGED_HZ,
+    STANDING_S,
+    STEERED_HZ,
+    DriveMonitor,
+    Ending,
+    SimulatedDrive,
+    heading_of,
+)
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
-from sim.world.fine_terrain import FineTerrain
+from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.moving_ice import epoch_of, moving_ice
-from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.frame_writer import FrameWriter
-from survey.data.camera.frames import Frames
 from survey.data.dem import Dem
-from survey.data.recording import Recording
+from survey.data.frames import Frames, FrameWriter
+from survey.data.recording import Readings, Recording
 from survey.data.route import Route
-from survey.data.sensors.readings import Readings
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam.odometry.odometer import VisualOdometry

@@ -1,4 +1,4 @@
-"""Simulated rover: rigid-body and kinematic physics, and path following.
+"""Simulated rover: motion, rigid-body and kinematic physics, and path following.
 
 Sensors are in `sim.instruments`.
 """

@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from sim.config.drive import PhysicsConfig
+from sim.config.rover import PhysicsConfig
 from survey.core.arrays import FloatArray
 
 _SPACING_M = 0.1

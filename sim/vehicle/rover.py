@@ -9,8 +9,9 @@ rover in whole cells.
 import numpy as np
 
 from planners import Rover
-from sim.config.drive import PhysicsConfig
-from sim.vehicle.bodies import (
+from sim.config.rover import PhysicsConfig
+from sim.vehicle.motion import GRAVITY_M_S2, HeightField, RoverState, Tracks, Vector, origin_of
+from sim.vehicle.rigid_bodies import (
     AXLE_BELOW_M,
     HALF_RELIEF_M,
     N_WHEELS,
@@ -19,9 +20,8 @@ from sim.vehicle.bodies import (
     GroundPatch,
     RoverBodies,
     added,
+    rigid_bodies,
 )
-from sim.vehicle.engines import rigid_bodies
-from sim.vehicle.physics import GRAVITY_M_S2, HeightField, RoverState, Tracks, Vector, origin_of
 from survey.core.arrays import FloatArray
 
 _PATCH_M = 40.0

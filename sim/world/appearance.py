@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from sim.config.scene import AppearanceConfig
-from sim.world.band_limited import band_limited_field
+from sim.config.world import AppearanceConfig
+from sim.world.fine_terrain import band_limited_field
 from sim.world.hazards import FloatGrid
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream

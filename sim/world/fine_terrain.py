@@ -1,15 +1,28 @@
-"""Fine terrain: heights, materials and normals of the simulated ground."""
+"""Fine terrain of a site: heights, materials and normals at 0.25 m or finer.
 
+`FineTerrain` holds them. `fine_terrain` makes it from a terrain model: it refines the cells, adds dunes, sastrugi and
+hummocks, and carves the hazards of `sim.world.hazards`. Relief is a band-limited Gaussian random field, by the inverse
+Fourier transform of a random spectrum.
+"""
+
+import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from affine import Affine
 from pyproj import CRS
+from scipy import fft
+from scipy.interpolate import make_interp_spline
 
-from sim.world.hazards import FloatGrid, Hazard
+from sim.config.world import SceneryConfig
+from sim.world import hazards
+from sim.world.hazards import FloatGrid, Ground, Hazard
 from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.streams import stream
 from survey.data.dem import Dem
 
 ByteGrid = npt.NDArray[np.uint8]
@@ -110,3 +123,194 @@ class FineTerrain:
         around = z[row, column], z[row, column + 1], z[row - 1, column], z[row - 1, column + 1]
         corners = np.stack(around).astype(np.float64)
         return corners, uv[:, 0] - column, uv[:, 1] - (rows - 1 - row), inside
+
+
+def fine_terrain(terrain: Dem, config: SceneryConfig, seed: int) -> FineTerrain:
+    """Add fine relief and hazards to a terrain model.
+
+    The heights at the terrain's cell centres are preserved (a cubic spline interpolates them);
+    the fine relief and the hazards are added. The last result is cached: asking again for the
+    same costs nothing.
+
+    Parameters
+    ----------
+    terrain : Dem
+        The site, without nodata.
+    config : SceneryConfig
+        Wind, relief, hazards.
+    seed : int
+        The mission's; equal seeds give equal ground.
+
+    Raises
+    ------
+    InputError
+        The terrain holds unknown cells or fewer than 4 × 4.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> site = Dem.on(Grid((0.0, 0.0, 30.0, 20.0), 1.0), np.zeros((21, 31)))
+    >>> ground = fine_terrain(site, SceneryConfig(crevasses_per_ha=20.0, bridged_share=0.0), seed=1)
+    >>> ground.height.shape, ground.hazards[0].kind
+    ((81, 121), 'crevasse')
+    >>> inside = ground.hazards[0].outline.point_on_surface()
+    >>> bool(ground.elevation(np.array([[inside.x, inside.y]]))[0] < -3.0)
+    True
+    """
+    return _built(_Site(terrain), config, seed)
+
+
+class _Site:
+    """Cache key of a terrain: equal for the same heights at the same place."""
+
+    def __init__(self, terrain: Dem) -> None:
+        self.terrain = terrain
+        content = repr((terrain.shape, terrain.transform, terrain.vertical_datum)).encode()
+        self._digest = hashlib.sha256(content + terrain.elevation.tobytes()).digest()
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Site) and other._digest == self._digest
+
+
+@lru_cache(maxsize=1)
+def _built(site: _Site, config: SceneryConfig, seed: int) -> FineTerrain:
+    terrain = site.terrain
+    height, step = _refined(terrain, config.step_m)
+    _add_relief(height, step, config, seed)
+    ones = np.ones_like(height)
+    ground = Ground(height, ones, np.zeros_like(height), ones.copy(), step)
+    found = _add_hazards(ground, config, seed)
+    corner = terrain.transform @ Affine.translation(0.5, 0.5) @ Affine.scale(step / terrain.step_m)
+    transform = corner @ Affine.translation(-0.5, -0.5)
+    return FineTerrain(
+        height,
+        transform,
+        terrain.crs,
+        terrain.vertical_datum,
+        _bytes(ground.tone),
+        _bytes(ground.water),
+        _bytes(ground.openness),
+        tuple(hazards.placed(hazard, transform) for hazard in found),
+    )
+
+
+def _bytes(share: FloatGrid) -> ByteGrid:
+    in_bytes: ByteGrid = np.rint(np.clip(share, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return in_bytes
+
+
+def _refined(terrain: Dem, step_m: float) -> tuple[FloatGrid, float]:
+    """Interpolate the heights by a cubic spline, at steps that divide the terrain's cells."""
+    n_unknown = int(np.isnan(terrain.elevation).sum())
+    if n_unknown or min(terrain.shape) < 4:
+        raise InputError(
+            f"the terrain has {terrain.shape[0]} × {terrain.shape[1]} cells, {n_unknown} of them unknown; fine ground needs "
+            "4 × 4 or more and none unknown, choose another area or fill them."
+        )
+    parts = int(np.ceil(terrain.step_m / step_m - 1e-9))
+    rows, columns = ((n - 1) * parts + 1 for n in terrain.shape)
+    along_y = make_interp_spline(np.arange(terrain.shape[0]), terrain.elevation)(np.arange(rows) / parts)
+    along_x = make_interp_spline(np.arange(terrain.shape[1]), along_y, axis=1)
+    height = np.empty((rows, columns), np.float32)
+    for first in range(0, columns, 256):  # strips keep the double-precision copy small
+        part = slice(first, min(first + 256, columns))
+        height[:, part] = along_x(np.arange(part.start, part.stop) / parts)
+    return height, terrain.step_m / parts
+
+
+def _add_relief(height: FloatGrid, step_m: float, config: SceneryConfig, seed: int) -> None:
+    wind = np.radians(270.0 - config.wind_from_deg)
+    forms = (
+        ("dunes", config.dune_sd_m, (3.0, 25.0), 1.2, 2.0),
+        ("sastrugi", config.sastrugi_sd_m, (1.0, 4.0), 0.5, 3.0),
+        ("hummocks", config.hummock_sd_m, (2.0, 12.0), 1.0, 1.0),
+    )
+    for name, sd_m, wavelengths_m, decay, stretch in forms:
+        if sd_m > 0.0:
+            rng = stream(seed, "scenery", name)
+            # The first row lies in the north, so that the angle from east turns the other way round.
+            height += np.float32(sd_m) * band_limited_field(
+                height.shape, step_m, wavelengths_m, decay, rng, stretch=stretch, angle=-wind
+            )
+
+
+def _add_hazards(ground: Ground, config: SceneryConfig, seed: int) -> list[Hazard]:
+    hectares = float(ground.size_m.prod()) / 1e4
+    rng = {
+        name: stream(seed, "scenery", name) for name in ("pools", "channels", "crevasses", "bridges", "cones")
+    }
+    count = {name: int(per_ha * hectares + rng[name].random()) for name, per_ha in _densities(config).items()}
+    carve: dict[str, Callable[[], Hazard | None]] = {
+        "pools": lambda: hazards.melt_pool(ground, rng["pools"]),
+        "channels": lambda: hazards.melt_channel(ground, rng["channels"]),
+        "crevasses": lambda: hazards.crevasse(ground, rng["crevasses"], config.crevasse_depth_m),
+        "bridges": lambda: hazards.bridged_crevasse(ground, rng["bridges"]),
+        "cones": lambda: hazards.dirt_cone(ground, rng["cones"]),
+    }
+    return [hazard for name in carve for hazard in hazards.carved(ground, count[name], carve[name])]
+
+
+def _densities(config: SceneryConfig) -> dict[str, float]:
+    """Return the number of each kind of hazard per hectare."""
+    return {
+        "pools": config.pools_per_ha,
+        "channels": config.channels_per_ha,
+        "crevasses": config.crevasses_per_ha * (1.0 - config.bridged_share),
+        "bridges": config.crevasses_per_ha * config.bridged_share,
+        "cones": config.dirt_cones_per_ha,
+    }
+
+
+def band_limited_field(
+    shape: tuple[int, int],
+    step_m: float,
+    wavelengths_m: tuple[float, float],
+    decay: float,
+    rng: np.random.Generator,
+    *,
+    stretch: float = 1.0,
+    angle: float = 0.0,
+    periodic: bool = False,
+) -> FloatGrid:
+    """Draw a Gaussian random field of unit variance with wavelengths within bounds.
+
+    Parameters
+    ----------
+    shape : (2,) tuple of int
+        Rows and columns wanted.
+    step_m : float
+        Distance between nodes [m].
+    wavelengths_m : (2,) tuple of float
+        Shortest and longest wavelength, across the forms [m].
+    decay : float
+        The amplitude of waves falls with frequency to this power.
+    rng : numpy.random.Generator
+        Source of the draws.
+    stretch, angle : float
+        Forms are `stretch` times longer in the direction `angle` (from the columns' axis
+        towards the rows') [rad].
+    periodic : bool
+        Whether opposite edges match, for tiles.
+
+    Returns
+    -------
+    ndarray of float32
+        The field, of the given shape.
+    """
+    pad = 0 if periodic else int(np.ceil(min(wavelengths_m[1], 40.0) / step_m))
+    rows, columns = (n if periodic else fft.next_fast_len(n + pad, real=True) for n in shape)
+    x = fft.rfftfreq(columns, step_m).astype(np.float32)[None, :]
+    y = fft.fftfreq(rows, step_m).astype(np.float32)[:, None]
+    cos, sin = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    squared = (np.float32(stretch) * (cos * x + sin * y)) ** 2 + (cos * y - sin * x) ** 2
+    band = (squared > wavelengths_m[1] ** -2) & (squared < wavelengths_m[0] ** -2)
+    amplitude = np.zeros_like(squared)
+    amplitude[band] = squared[band] ** np.float32(-0.5 * decay)
+    spectrum = np.zeros(squared.shape, np.complex64)
+    draws = rng.standard_normal((2, int(band.sum())), np.float32)
+    spectrum[band] = amplitude[band] * (draws[0] + 1j * draws[1])
+    field = fft.irfft2(spectrum, s=(rows, columns), overwrite_x=True)[: shape[0], : shape[1]]
+    return np.ascontiguousarray(field / field.std(), dtype=np.float32)

@@ -1,4 +1,4 @@
-r"""Flow and melt of a simulated glacier.
+r"""Moving ice: flow and melt of a simulated glacier, the estimator's prior of them, and planned routes.
 
 Places are those of the start of the drive, X; at the time t the ice of X is at x = X + v(X) t and the surface is lower by
 a(t). Across a valley of half width w the surface velocity of a glacier of parabolic bed is close to
@@ -6,19 +6,35 @@ a(t). Across a valley of half width w the surface velocity of a glacier of parab
 .. math::  v(y) = v_0 \left( s + (1 - s) \left( 1 - (|y| / w)^{n + 1} \right) \right)
 
 with n the exponent of Glen's law and s the share of sliding: shear is concentrated at the margins.
+
+The prior is one velocity, or velocity rasters with their errors. `in_ice_order` sets the order of the swaths of a planned
+route; `write_on_ice` writes its lines in the coordinates of the ice of one epoch, beside the fixed ones.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import shapely
+from pyproj import CRS
 
-from sim.config.ice import IceConfig
+from planners import LawnmowerConfig, WavyConfig
+from planners.routes.rover import predicted
+from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
+from sim.config.world import IceAssumptions, IceConfig
+from sim.world.site import World
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core.crs import same_crs
+from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
+from survey.reconstruction.motion.epoch import route_on_ice
+from survey.reconstruction.motion.priors import VelocityRasters, motion_from_rasters
 
 _DAY_S = 86400.0
 _WARMEST_S = 14.0 * 3600.0
@@ -160,3 +176,137 @@ def epoch_of(recording: Recording, mission: MissionConfig) -> float:
     """
     stated = None if mission.ice is None else mission.ice.epoch_s
     return float(np.mean(recording.gps.time_s[[0, -1]])) if stated is None else stated
+
+
+def assumed_motion(
+    assumed: IceAssumptions,
+    epoch_s: float,
+    places: FloatArray,
+    crs: CRS,
+    *,
+    path_of: Callable[[str], Path] = Path,
+) -> IceMotion:
+    """Return the prior of the motion of the ice about a survey.
+
+    Parameters
+    ----------
+    assumed : IceAssumptions
+        One velocity with its standard deviation, or velocity rasters.
+    epoch_s : float
+        Epoch in seconds of the recording.
+    places : (N, 2) ndarray
+        Easting and northing of places of the survey, the start first [m].
+    crs : pyproj.CRS
+        Their CRS.
+    path_of : callable
+        Path of a file that the settings name.
+
+    Returns
+    -------
+    IceMotion
+        Prior of localization. That of rasters is a plane of each component through the cells about the places.
+
+    Raises
+    ------
+    InputError
+        Rasters in another CRS, or with fewer than six known cells about the survey.
+    """
+    if assumed.velocity_files is None:
+        east, north = places[0].tolist()
+        return assumed.prior(epoch_s, (east, north))
+    rasters = VelocityRasters(*(Dem.read(path_of(file)) for file in assumed.velocity_files))
+    for raster in rasters:
+        same_crs(crs, raster.crs, "the survey and the rasters of the velocity")
+    (xmin, ymin), (xmax, ymax) = np.min(places, axis=0).tolist(), np.max(places, axis=0).tolist()
+    return motion_from_rasters(
+        rasters,
+        (xmin, ymin, xmax, ymax),
+        lowering=assumed.lowering_m_per_day,
+        lowering_sigma=assumed.lowering_sigma_m_per_day,
+        epoch_s=epoch_s,
+    )
+
+
+def in_ice_order(route: Route, mission: MissionConfig, world: World) -> Route:
+    """Return a planned route with its swaths in the order that the mission states for moving ice.
+
+    Neighbouring swaths that are driven hours apart show the motion of the ice where they see the same ground.
+
+    Parameters
+    ----------
+    route : Route
+        Of one rover; its swaths in the order of their lines, lines across them last.
+    mission : MissionConfig
+        Its section ``ice`` and its rover.
+    world : World
+        Only its area and prior are used.
+
+    Returns
+    -------
+    Route
+        With the length, time and energy of the new order.
+
+    Raises
+    ------
+    ConfigError
+        Another pattern, lines that the border cuts into pieces, a rover that cannot pivot, or straight ways between the swaths that leave
+        the area.
+    """
+    if mission.ice is None or mission.ice.swath_order == "adjacent":
+        return route
+    if (
+        not isinstance(mission.planner, LawnmowerConfig | WavyConfig)
+        or count_lines(route) < len(route.swaths)
+        or mission.rover.turn_radius_m > 0.0
+    ):
+        raise ConfigError(
+            "ice.swath_order = 'alternate' needs lawnmower or wavy swaths from border to border and a rover that pivots; "
+            "leave it out."
+        )
+    n = len(route.swaths) - mission.planner.tie_lines
+    along, across = route.swaths[:n], route.swaths[n:]
+    legs = _joined_swaths((*along[::2], *along[1::2][::-1], *across), route.legs[0].xy[0])
+    if not world.area.free.covers(shapely.multilinestrings([leg.xy for leg in legs])):
+        raise ConfigError(
+            "ice.swath_order = 'alternate' needs free ground between the ends of the swaths; leave it out."
+        )
+    facts = predicted(legs, mission.rover, _covering(world.prior, legs), crs=route.crs)
+    return replace(route, legs=legs, prediction={**route.prediction, **facts})
+
+
+def _joined_swaths(swaths: tuple[Leg, ...], start: FloatArray) -> tuple[Leg, ...]:
+    """Join swaths by straight transits, each entered at its nearer end."""
+    legs: list[Leg] = []
+    here = start
+    for swath in swaths:
+        gaps = np.hypot(*(swath.xy[[0, -1]] - here).T)
+        way = 1 if gaps[0] <= gaps[1] else -1
+        if gaps.min() > 0.0:
+            legs.append(Leg("transit", np.array([here, swath.xy[::way][0]])))
+        legs.append(Leg("swath", swath.xy[::way], axis=swath.axis[::way]))
+        here = legs[-1].xy[-1]
+    return tuple(legs)
+
+
+def _covering(prior: Dem, legs: tuple[Leg, ...]) -> Dem | None:
+    """Return the prior where it has a height at every waypoint."""
+    return prior if np.isfinite(prior.at(np.vstack([leg.xy for leg in legs]))).all() else None
+
+
+def draw_on_ice(route: Route, mission: MissionConfig) -> Route:
+    """Return the planned route as it lies on the ice of the epoch, by the motion that is assumed."""
+    ice, speed_m_s = mission.ice, mission.rover.speed_m_s
+    if ice is None:
+        return route
+    middle_s = 0.5 * route.length_m / speed_m_s
+    epoch_s = middle_s if ice.epoch_s is None else ice.epoch_s
+    places = np.vstack([leg.xy for leg in route.legs])
+    prior = assumed_motion(ice.assumed, epoch_s, places, route.crs, path_of=mission.path)
+    return route_on_ice(route, prior, speed_m_s)
+
+
+def write_on_ice(route: Route, mission: MissionConfig, folder: Path) -> None:
+    """Write the route on the ice of the epoch, and a GeoPackage with both as layers."""
+    drawn = draw_on_ice(route, mission)
+    drawn.write(folder / "route_on_ice.geojson")
+    route.write(folder / "route.gpkg", also={"route_on_ice": drawn})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from survey.core.errors import ConfigError
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass

@@ -1,6 +1,153 @@
-"""Escaping of names that come from files, before they are shown in a terminal or written to a table."""
+"""Quantities as text, and escaping of names for the terminal and for CSV.
 
+Lengths, areas, durations, energies and angles are written in the units that people read, with rounded numbers. Names
+that come from files are escaped before they are shown in a terminal or written to a table.
+"""
+
+import math
 import unicodedata
+
+_HOUR_S, _KWH_J = 3600.0, 3.6e6
+
+
+def duration_text(seconds: float) -> str:
+    """Write a duration in hours and minutes.
+
+    Parameters
+    ----------
+    seconds : float
+        Not negative [s].
+
+    Returns
+    -------
+    str
+        Seconds below a minute, minutes below an hour.
+
+    Examples
+    --------
+    >>> duration_text(10_560.0), duration_text(341.7), duration_text(42.0)
+    ('2 h 56 min', '6 min', '42 s')
+    """
+    if round(seconds) < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    hours, rest = divmod(minutes, 60)
+    return f"{hours} h {rest:02d} min" if hours else f"{minutes} min"
+
+
+def energy_text(joules: float) -> str:
+    """Write an energy in kilowatt-hours, below 0.1 kWh in watt-hours.
+
+    Parameters
+    ----------
+    joules : float
+        Energy [J].
+
+    Returns
+    -------
+    str
+        Three digits with their unit.
+
+    Examples
+    --------
+    >>> energy_text(5.33e6), energy_text(156_491.0)
+    ('1.48 kWh', '43.5 Wh')
+    """
+    kwh = joules / _KWH_J
+    return f"{kwh:,.3g} kWh" if kwh >= 0.1 else f"{1000.0 * kwh:.3g} Wh"
+
+
+def length_text(metres: float) -> str:
+    """Write a length in metres, from one kilometre on in kilometres.
+
+    Parameters
+    ----------
+    metres : float
+        Length [m].
+
+    Returns
+    -------
+    str
+        With its unit.
+
+    Examples
+    --------
+    >>> length_text(301.4), length_text(12_345.0)
+    ('301 m', '12.35 km')
+    """
+    if round(metres) < 1000:
+        return f"{metres:.0f} m" if metres >= 10.0 else f"{metres:.2g} m"
+    return f"{metres / 1000.0:,.2f} km"
+
+
+def area_text(square_metres: float) -> str:
+    """Write an area in square metres, hectares or square kilometres.
+
+    Parameters
+    ----------
+    square_metres : float
+        Area [m²].
+
+    Returns
+    -------
+    str
+        Three digits with their unit.
+
+    Examples
+    --------
+    >>> area_text(768.0), area_text(19_300.0), area_text(1_932_837.0)
+    ('768 m²', '1.93 ha', '1.93 km²')
+    """
+    if square_metres < 10_000.0:
+        return f"{square_metres:.0f} m²"
+    if square_metres < 1_000_000.0:
+        return f"{square_metres / 10_000.0:.3g} ha"
+    return f"{square_metres / 1_000_000.0:,.2f} km²"
+
+
+def place_text(longitude_deg: float, latitude_deg: float) -> str:
+    """Write latitude and longitude with six decimals, a tenth of a metre.
+
+    Parameters
+    ----------
+    longitude_deg, latitude_deg : float
+        Place [deg], east and north positive.
+
+    Returns
+    -------
+    str
+        Latitude first, as on paper maps.
+
+    Examples
+    --------
+    >>> place_text(-134.5, 58.44)
+    '58.440000° N 134.500000° W'
+    """
+    north, east = "N" if latitude_deg >= 0.0 else "S", "E" if longitude_deg >= 0.0 else "W"
+    return f"{abs(latitude_deg):.6f}° {north} {abs(longitude_deg):.6f}° {east}"
+
+
+def round_number(value: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above `value`.
+
+    Parameters
+    ----------
+    value : float
+        Above 0.
+
+    Returns
+    -------
+    float
+        Such as the length of a scale bar.
+
+    Examples
+    --------
+    >>> [round_number(v) for v in (0.03, 1.9, 137.0)]
+    [0.02, 1.0, 100.0]
+    """
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= value * (1 + 1e-9))
+
 
 # Characters by which spreadsheets take a cell for a formula.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")

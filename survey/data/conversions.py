@@ -1,6 +1,13 @@
-"""Conversion of data types to xarray and GeoPandas objects, which are optional dependencies."""
+"""Plots of data types on matplotlib axes, HTML for notebooks, and conversion to xarray and GeoPandas.
 
-from collections.abc import Mapping, Sequence
+Functions take arrays, so that every data type can use them; figures for reports stand in `survey.figures`. xarray and
+GeoPandas are optional dependencies.
+"""
+
+import base64
+import html
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +19,93 @@ from survey.core.errors import InputError
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
+    from matplotlib.axes import Axes
     from xarray import Dataset
+
+
+_MOST_DRAWN_CELLS = 1000
+"""Rows or columns of a raster beyond which cells are left out of a plot."""
+
+
+def axes_or_new(ax: "Axes | None") -> "Axes":
+    """Return the given axes, or those of a new figure."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.subplots()[1]
+
+
+def draw_raster(
+    ax: "Axes | None", values: npt.NDArray[Any], bounds: tuple[float, float, float, float], label: str
+) -> "Axes":
+    """Draw a north-up raster (H, W) within ``(xmin, ymin, xmax, ymax)`` [m], with a colour bar."""
+    axes = axes_or_new(ax)
+    step = max(1, -(-max(values.shape) // _MOST_DRAWN_CELLS))
+    xmin, ymin, xmax, ymax = bounds
+    image = axes.imshow(values[::step, ::step], extent=(xmin, xmax, ymin, ymax), interpolation="nearest")
+    axes.figure.colorbar(image, ax=axes, label=label)
+    return _as_map(axes)
+
+
+def draw_lines(ax: "Axes | None", lines: Iterable[tuple[npt.NDArray[Any], Mapping[str, Any]]]) -> "Axes":
+    """Draw lines (N, 2) [m], each with its matplotlib settings."""
+    axes = axes_or_new(ax)
+    for xy, settings in lines:
+        axes.plot(xy[:, 0], xy[:, 1], **settings)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend()
+    return _as_map(axes)
+
+
+def draw_points(ax: "Axes | None", xy: npt.NDArray[Any], values: npt.NDArray[Any], label: str) -> "Axes":
+    """Draw points (N, 2) [m] in the colour of their values (N,), with a colour bar."""
+    axes = axes_or_new(ax)
+    drawn = axes.scatter(xy[:, 0], xy[:, 1], c=values, s=4.0, linewidths=0.0)
+    axes.figure.colorbar(drawn, ax=axes, label=label)
+    return _as_map(axes)
+
+
+def _as_map(axes: "Axes") -> "Axes":
+    axes.set(xlabel="Easting [m]", ylabel="Northing [m]")
+    axes.set_aspect("equal")
+    axes.ticklabel_format(useOffset=False, style="plain")
+    return axes
+
+
+def html_table(title: str, facts: Mapping[str, str], draw: Callable[["Axes"], object] | None = None) -> str:
+    """Return an HTML table of facts, beside a picture when `draw` draws one on given axes."""
+    rows = "".join(
+        f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
+        for name, value in facts.items()
+    )
+    table = f"<table><caption>{html.escape(title)}</caption>{rows}</table>"
+    if draw is None:
+        return f"<div>{table}</div>"
+    return f"<div style='display:flex;align-items:center'>{table}<img alt='{html.escape(title)}' src='{_picture(draw)}'></div>"
+
+
+def _picture(draw: Callable[["Axes"], object]) -> str:
+    """Return a small PNG picture as a data address."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.0, 3.0), layout="constrained")
+    draw(figure.add_subplot())
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=72)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def value_range(values: npt.NDArray[Any], unit: str = "m") -> str:
+    """Return the range of the finite values as text.
+
+    Examples
+    --------
+    >>> value_range(np.array([1.0, np.nan, 2.5]))
+    '1.0 to 2.5 m'
+    """
+    finite = values[np.isfinite(values)]
+    return f"{finite.min():.1f} to {finite.max():.1f} {unit}" if finite.size else f"no values [{unit}]"
 
 
 def optional(package: str, purpose: str) -> Any:

@@ -9,18 +9,15 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import Bounds, FloatArray, frozen, lattice_places
-from survey.core.crs.checks import projected_crs, refuse_far
-from survey.core.crs.choice import is_geographic
-from survey.core.crs.vertical_datum import UNSTATED, datum_of_file
-from survey.core.data_object import DataObject
+from survey.core.arrays import Bounds, DataObject, FloatArray, frozen, lattice_places
+from survey.core.crs import UNSTATED, datum_of_file, projected_crs, refuse_far
 from survey.core.errors import InputError
-from survey.data.conversions import to_dataset
+from survey.core.transformation import is_geographic
+from survey.data.conversions import draw_raster, html_table, to_dataset, value_range
 from survey.data.grid import Grid
-from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import Raster, read_raster, write_raster
-from survey.io.raster.georeference import check_transform
-from survey.io.raster.unmarked_cells import refuse_detached, refuse_impossible
+from survey.io.raster.opening import check_transform
+from survey.io.raster.values import refuse_detached, refuse_impossible
 from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray, checked, frozen, lattice_places
-from survey.core.crs.checks import projected_crs, refuse_far
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray, checked, frozen, lattice_places
+from survey.core.crs import projected_crs, refuse_far
 from survey.core.errors import InputError
 
 

@@ -1,4 +1,9 @@
-"""Gaussian posterior of the error of an estimated path, shared by its keyframes."""
+"""Gaussian posterior of the error of an estimated path, shared by its keyframes.
+
+`PathError` holds the sparse information matrix Λ (inverse covariance) of a smoother. The covariance of linear functions W of
+the error is W Λ⁻¹ Wᵀ. `SparseFactor` factorizes symmetric positive definite matrices once, and solves with them in blocks
+of right-hand sides. `motion_rows` selects the unknowns of the ice's motion among those of a path.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +13,80 @@ from typing import Any, Self
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
-from survey.core.arrays import FloatArray, IntArray, checked
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray, IntArray, checked
 from survey.core.errors import InputError
-from survey.core.sparse_factor import SparseFactor
 from survey.io.arrays_file import read_npz, write_npz
+
+# Right-hand sides that are solved for at once: SuperLU takes two more arrays of their size, and slows down with many.
+_SIDES_AT_ONCE = 64
+
+
+@dataclass(frozen=True)
+class SparseFactor:
+    """Factorization of a symmetric positive definite matrix (S, S), to solve with.
+
+    Parameters
+    ----------
+    factor : scipy.sparse.linalg.SuperLU
+        Of the matrix.
+
+    Examples
+    --------
+    >>> factor = SparseFactor.of(sparse.diags_array([2.0, 4.0]))
+    >>> factor.solve(np.array([1.0, 1.0]))
+    array([0.5 , 0.25])
+    """
+
+    factor: Any
+
+    @classmethod
+    def of(cls, matrix: Any) -> Self:
+        """Factorize a sparse matrix.
+
+        Parameters
+        ----------
+        matrix : scipy.sparse array
+            (S, S), symmetric positive definite.
+
+        Returns
+        -------
+        SparseFactor
+            Solves with `matrix`.
+        """
+        options = {"SymmetricMode": True}
+        return cls(
+            splu(
+                sparse.csc_matrix(matrix),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options=options,
+            )
+        )
+
+    def solve(self, sides: FloatArray) -> FloatArray:
+        """Return the solutions of one or several right-hand sides.
+
+        Parameters
+        ----------
+        sides : (S,) or (S, R) ndarray
+            Right-hand sides.
+
+        Returns
+        -------
+        ndarray
+            Of the shape of `sides`, in column order.
+        """
+        if sides.ndim == 1:
+            solved: FloatArray = self.factor.solve(sides)
+            return solved
+        result = np.empty(sides.shape, order="F")
+        for first in range(0, sides.shape[1], _SIDES_AT_ONCE):
+            here = slice(first, first + _SIDES_AT_ONCE)
+            result[:, here] = self.factor.solve(np.asfortranarray(sides[:, here]))
+        return result
+
 
 POSE = 6
 """Unknowns that every keyframe has: error of easting, northing, elevation [m], yaw, pitch, roll [rad]."""
@@ -347,3 +420,26 @@ def _keyframes_first(n_of_keyframes: list[int], n_unknowns: list[int]) -> IntArr
     ]
     order: IntArray = np.concatenate([*keyframes, *others])
     return order
+
+
+def motion_rows(path: PathError, n_unknowns: int, n_columns: int | None = None) -> Any:
+    """Return the sparse rows (R, columns) that pick the unknowns of the ice's motion among those of a path.
+
+    Parameters
+    ----------
+    path : PathError
+        Error of a path that was estimated in coordinates of the ice.
+    n_unknowns : int
+        R; they stand behind the keyframes.
+    n_columns : int, optional
+        Number of columns; that of the path's unknowns by default.
+
+    Returns
+    -------
+    scipy.sparse.csr_array
+        Rows with a single 1.
+    """
+    every = np.arange(n_unknowns)
+    place = (every, len(path) * path.n_states + every)
+    shape = (n_unknowns, path.n_unknowns if n_columns is None else n_columns)
+    return sparse.csr_array((np.ones(n_unknowns), place), shape=shape)

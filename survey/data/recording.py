@@ -1,25 +1,92 @@
-"""Recording: the sensor records of one drive, the only input of localization."""
+"""Recording of one drive: its tables of sensor records, camera and images; the only input of localization.
+
+`SensorTables` declares the tables: a field of it is written to and read from a CSV file, or a folder, of every recording.
+`Readings` are the records of a stretch of a drive, as they arrive on board. `Recording` is a folder of such files with a
+header; `OdometryRecording` is one with odometry and sightings.
+"""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args, get_type_hints
 
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray, checked
+from survey.core.arrays import DataObject, FloatArray, checked
 from survey.core.config import Section
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frame_writer import FrameWriter
-from survey.data.camera.frames import Frames
-from survey.data.ice.motion import IceMotion
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from survey.data.sensors.tables import SensorTables, table_file, table_types
+from survey.core.files import replacing
+from survey.data.camera import Camera
+from survey.data.frames import Frames, FrameWriter, Image
+from survey.data.ice_motion import IceMotion
+from survey.data.sensors.lidar import LidarScans
+from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
+from survey.data.sensors.records import Barometer, Compass, GpsFixes, Inertial, Weather, Wheels
+from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SensorTables(DataObject):
+    """Optional tables of a recording; None where a sensor gave no readings.
+
+    A field declared here is a table of every recording: it is written to and read from a CSV
+    file, or a folder (`table_file`), and the simulator collects its readings.
+    """
+
+    odometry: Odometry | None = None
+    barometer: Barometer | None = None
+    sightings: Sightings | None = None
+    wheels: Wheels | None = None
+    inertial: Inertial | None = None
+    compass: Compass | None = None
+    weather: Weather | None = None
+    base: GpsFixes | None = None
+    base_barometer: Barometer | None = None
+    stakes: Stakes | None = None
+    stake_surveys: StakeSurveys | None = None
+    stake_sightings: StakeSightings | None = None
+    loop_closures: LoopClosures | None = None
+    lidar: LidarScans | None = None
+
+
+def table_types() -> dict[str, Any]:
+    """Return the record type of every table of a recording, by the table's name.
+
+    Examples
+    --------
+    >>> table_types()["base"].__name__
+    'GpsFixes'
+    """
+    hints = get_type_hints(SensorTables)
+    optional = {field.name: get_args(hints[field.name])[0] for field in fields(SensorTables)}
+    return {"gps": GpsFixes} | optional
+
+
+def table_file(name: str) -> str:
+    """Return the name of the file, or folder, of a table in a recording's folder.
+
+    Examples
+    --------
+    >>> table_file("gps"), table_file("loop_closures")
+    ('gps.csv', 'closures.csv')
+    """
+    return _FILE_NAMES.get(name, f"{name}.csv")
+
+
+_FILE_NAMES = {"loop_closures": "closures.csv", "lidar": "lidar"}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Readings(SensorTables):
+    """Records of all sensors during a stretch of time; None for one without readings.
+
+    The records are those of a `survey.data.recording.Recording`; `frame` is the image at the end
+    of the stretch, with the time that the camera's clock shows.
+    """
+
+    gps: GpsFixes | None = None
+    frame: tuple[float, Image] | None = None
 
 
 class RecordingHeader(Section):
@@ -82,7 +149,7 @@ class Recording(SensorTables):
         takes it for unknown.
     ice_motion : IceMotion, optional
         Motion by which fixes, start, barometer and stakes were reduced to an epoch
-        (`survey.reconstruction.motion.ice_frame.in_ice_frame`); it is not written to files.
+        (`survey.reconstruction.motion.epoch.in_ice_frame`); it is not written to files.
     """
 
     crs: CRS

@@ -8,15 +8,13 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray, checked
-from survey.core.crs.checks import projected_crs
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray, checked
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.data.conversions import to_geodataframe
+from survey.data.conversions import draw_lines, html_table, to_geodataframe
 from survey.data.path_error import PathError
-from survey.data.plots import draw_lines, html_table
-from survey.io.pose_files import TUM_COLUMNS, read_tum, write_tum
 from survey.io.tables import read_table, write_table
+from survey.io.trajectory_files import TUM_COLUMNS, read_tum, write_tum
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame

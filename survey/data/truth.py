@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject
 from survey.data.dem import Dem
 from survey.data.trajectory import Trajectory
 

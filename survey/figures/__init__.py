@@ -3,24 +3,22 @@
 Every figure has one style, states its units, and uses colours that the colour-blind can distinguish. Files are written by `survey.reporting`.
 """
 
-from survey.figures.checks.calibration import calibration_plot
-from survey.figures.checks.held_out import held_out_plot
+from survey.figures.calibration import calibration_plot, held_out_plot
 from survey.figures.curves import terrain_profile, trajectory_error
-from survey.figures.drives import deviation_from_route, executed_route
 from survey.figures.errors import (
     error_against_distance,
     error_histogram,
     error_map,
     height_error,
 )
-from survey.figures.landmarks import landmark_map
 from survey.figures.maps import (
     deviation_map,
+    landmark_map,
     support_map,
     survey_map,
     terrain_comparison,
 )
-from survey.figures.paths import error_over_distance, path_map
+from survey.figures.paths import deviation_from_route, error_over_distance, executed_route, path_map
 from survey.figures.plans import plan_map
 from survey.figures.style import png_bytes
 

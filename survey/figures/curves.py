@@ -8,15 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
-from survey.figures.cartography.routes import along
+from survey.figures.map_layers import along
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, PRIOR, REFERENCE, styled
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 
 _AXES_OF_SPACE = ("East", "North", "Up")
 

@@ -1,32 +1,55 @@
-"""Maps of a survey: terrain and route, surfaces side by side, standard deviation, support."""
+"""Maps of a survey: terrain and route, surfaces side by side, and one quantity over the area.
+
+The quantities are the standard deviation, the support of the map by measurements, the width between lower and
+upper bound, a field of the payload or a probability, the density of landmarks, and the change between two
+surveys. Maps of errors stand in `survey.figures.errors`, those of a planned route in `survey.figures.plans`.
+"""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch
+from shapely import MultiPolygon, Polygon
 
+from survey.core.arrays import FloatArray
+from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.figures.cartography.layout import (
-    add_colour_bar,
-    map_figure,
-    view,
-)
-from survey.figures.cartography.relief import (
+from survey.data.surface_points import SurfacePoints
+from survey.figures.layout import add_colour_bar, draw_scale_and_north, grouped, map_figure, view
+from survey.figures.map_layers import (
+    draw_area,
     draw_contours,
     draw_raster,
+    draw_route,
+    draw_route_lines,
     draw_terrain,
     elevation_limits,
+    outline_path,
     relief_exaggeration,
+    thinned,
 )
-from survey.figures.cartography.routes import draw_area, draw_route, draw_route_lines
-from survey.figures.cartography.scale_bar import draw_scale_and_north
-from survey.figures.style import DEVIATION, FULL_IN, HALF_IN, styled
-from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
+from survey.figures.style import (
+    DENSITY,
+    DEVIATION,
+    ERROR,
+    FULL_IN,
+    HALF_IN,
+    INK,
+    VEIL,
+    styled,
+    symmetric_limits,
+)
+from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
+from survey.scoring.change.volume_change import Change
 
 SUPPORT = {
     UNSEEN: ("Unseen", "#dcdcdc"),
@@ -246,3 +269,198 @@ def clipped(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
     xmin, ymin, xmax, ymax = bounds
     margin = dem.step_m
     return dem.window((xmin - margin, ymin - margin, xmax + margin, ymax + margin))
+
+
+@styled
+def width_map(reconstruction: Reconstruction) -> Figure:
+    """Draw the distance between the lower and the upper bound of the elevation.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        The map; without bounds of its own those of its standard deviation are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
+    >>> level = Dem.on(grid, np.ones(grid.shape))
+    >>> width_map(Reconstruction(level, level, np.ones(grid.shape), "gp", {})).axes[0].get_title(loc="left")
+    'Between the bounds'
+    """
+    lower, upper = reconstruction.interval()
+    width = np.where(reconstruction.support == UNSEEN, np.nan, upper.elevation - lower.elevation)
+    drawing = map_figure(HALF_IN, view(reconstruction.mean, None))
+    stated = width[np.isfinite(width)]
+    top = float(np.percentile(stated, 99.0)) if stated.size else 1.0
+    image = draw_raster(
+        drawing.maps[0], width, reconstruction.mean, DEVIATION, Normalize(0.0, max(top, 1e-9))
+    )
+    add_colour_bar(image, drawing, "Upper - lower [m]", extend="max" if (stated > top).any() else "neither")
+    drawing.maps[0].set_title("Between the bounds")
+    return drawing.figure
+
+
+def quantity_plot(dem: Dem, label: str, *, area: SurveyArea, route: Route) -> Figure:
+    """Draw the map of a quantity; `label` is its name and unit."""
+    values = _inside_area(dem, area)
+    low, high = (float(v) for v in np.nanpercentile(values, [0.5, 99.5]))
+    limits = Normalize(low, max(high, low + 1e-9))
+    words = (label.split(" [", maxsplit=1)[0], label)
+    return _field_map(dem, values, (colormaps["cividis"], limits), words, (area, route))
+
+
+def uncertainty_plot(dem: Dem, label: str, *, area: SurveyArea, route: Route) -> Figure:
+    """Draw the standard deviation of a quantity; `label` is the quantity's name and unit."""
+    values = _inside_area(dem, area)
+    limits = Normalize(0.0, max(float(np.nanpercentile(values, 99.5)), 1e-9))
+    words = ("Claimed uncertainty (1 σ)", f"1 σ of {label}")
+    return _field_map(dem, values, (DEVIATION, limits), words, (area, route))
+
+
+def probability_plot(dem: Dem, title: str, *, area: SurveyArea, route: Route) -> Figure:
+    """Draw a map of probabilities."""
+    words = (title, "Probability")
+    return _field_map(dem, _inside_area(dem, area), (DEVIATION, Normalize(0.0, 1.0)), words, (area, route))
+
+
+def _inside_area(dem: Dem, area: SurveyArea) -> FloatArray:
+    return np.where(area.contains(dem.xy).reshape(dem.shape), dem.elevation, np.nan)
+
+
+@styled
+def _field_map(
+    dem: Dem,
+    values: FloatArray,
+    colours: tuple[Colormap, Normalize],
+    words: tuple[str, str],
+    place: tuple[SurveyArea, Route],
+) -> Figure:
+    """Draw values on the grid of a raster, half a page wide, with a title and the label of the colours."""
+    drawing = map_figure(HALF_IN, view(dem, place[0]))
+    image = draw_raster(drawing.maps[0], values, dem, *colours)
+    draw_area(drawing.maps[0], place[0])
+    draw_route_lines(drawing.maps[0], place[1])
+    add_colour_bar(image, drawing, words[1])
+    drawing.maps[0].set_title(words[0])
+    return drawing.figure
+
+
+@styled
+def landmark_map(
+    points: SurfacePoints,
+    terrain: Dem,
+    *,
+    area: SurveyArea | None = None,
+    route: Route | None = None,
+    name: str = "Landmarks",
+) -> Figure:
+    """Draw the density of the measured points.
+
+    Points are counted in squares of a round size, about thirty to the longer side.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Landmarks or other measured points.
+    terrain : Dem
+        Gives what is shown.
+    area : SurveyArea, optional
+        Its outline is drawn and sets what is shown.
+    route : Route, optional
+        Its swaths are drawn as thin lines.
+    name : str
+        What the points are.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat = Dem.on(grid, np.zeros(grid.shape))
+    >>> xyz = np.column_stack([grid.xy, np.zeros(len(grid.xy))])
+    >>> points = SurfacePoints(xyz, sigma_m=np.full(len(xyz), 0.1), crs="EPSG:32608")
+    >>> landmark_map(points, flat).axes[0].get_xlabel()
+    'Easting [m]'
+    """
+    bounds = view(terrain, area)
+    drawing = map_figure(HALF_IN, bounds)
+    axes = drawing.maps[0]
+    xmin, ymin, xmax, ymax = bounds
+    cell = round_number(max(xmax - xmin, ymax - ymin) / 30.0)
+    east, north = np.arange(xmin, xmax + cell, cell), np.arange(ymin, ymax + cell, cell)
+    x, y = points.xy.T
+    counts = np.histogram2d(x, y, bins=[east, north])[0].T
+    top = float(np.percentile(counts[counts > 0], 98.0)) if counts.any() else 1.0
+    shown = np.where(counts > 0, counts, np.nan)
+    image = axes.pcolormesh(east, north, shown, cmap=DENSITY, norm=Normalize(0.0, top), zorder=1)
+    axes.plot(*points.xy.T, ".", color=INK, alpha=0.5, markersize=1.2, markeredgewidth=0, zorder=2)
+    axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
+    draw_outline_and_route(axes, area, route)
+    add_colour_bar(
+        image, drawing, f"Points per {cell:g} m square", extend="max" if counts.max() > top else "neither"
+    )
+    axes.set_title(f"{name} ({grouped(len(points))})")
+    return drawing.figure
+
+
+@styled
+def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -> Figure:
+    """Draw the difference of two surveys; changes that are not significant are veiled.
+
+    Parameters
+    ----------
+    change : Change
+        The surveys' difference.
+    outlines : mapping of str to polygon
+        Drawn on top [m].
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
+    >>> difference = Dem.on(grid, np.linspace(-1.0, 1.0, 15).reshape(grid.shape))
+    >>> change = Change(difference, np.full(grid.shape, 0.2), np.ones(grid.shape), (), "variogram")
+    >>> change_map(change, {"ice": shapely.box(5.0, 5.0, 20.0, 15.0)}).axes[0].get_xlabel()
+    'Easting [m]'
+    """
+    difference = thinned(change.difference)
+    step = round(difference.step_m / change.difference.step_m)
+    doubtful = np.asarray(change.significant)[::step, ::step] == 0
+    drawing = map_figure(FULL_IN, view(change.difference, None), legend=True)
+    axes = drawing.maps[0]
+    image = draw_raster(axes, difference.elevation, difference, ERROR, symmetric_limits(difference.elevation))
+    veil = np.zeros((*difference.shape, 4))
+    veil[...] = (1.0, 1.0, 1.0, 0.0)
+    veil[..., 3] = np.where(doubtful & np.isfinite(difference.elevation), 0.65, 0.0)
+    xmin, ymin, xmax, ymax = difference.bounds
+    axes.imshow(veil, extent=(xmin, xmax, ymin, ymax), zorder=1.5)
+    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+    for shape in outlines.values():
+        axes.add_patch(PathPatch(outline_path(shape), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
+    add_colour_bar(image, drawing, "Change of height [m]", extend="both")
+    draw_scale_and_north(drawing, crs=change.difference.crs)
+    axes.set_title("Later \u2212 earlier")
+    handles = [
+        Line2D([], [], color=INK, linewidth=1.3, label="Outline"),
+        Patch(facecolor="white", edgecolor=VEIL, label="Pale: not significant at 95 %"),
+    ]
+    drawing.figure.legend(handles=handles, loc="lower center", ncols=2)
+    return drawing.figure

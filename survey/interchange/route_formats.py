@@ -20,17 +20,15 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.choice import chosen_crs, is_geographic
+from survey.core.crs import projected_crs
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.core.files import existing_file
+from survey.core.transformation import chosen_crs, is_geographic
+from survey.data.route import Leg, Route
+from survey.interchange.missions import Surroundings
 from survey.interchange.route_readers import IN_METRES, READERS
 from survey.interchange.route_writers import WRITERS
-from survey.interchange.surroundings import Surroundings
-from survey.io.degrees import WGS84
-from survey.io.vector import read_features
+from survey.io.vector import WGS84, read_features
 
 _WITH_CRS = (".geojson", ".gpkg", ".json")
 

@@ -11,12 +11,11 @@ import shapely
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.data.legs import Leg
+from survey.core.transformation import transformed
+from survey.data.route import Leg
 from survey.interchange.missions import NAV_WAYPOINT
-from survey.io.degrees import WGS84
-from survey.io.vector import layer_names, read_features
+from survey.io.vector import WGS84, layer_names, read_features
 
 
 def _read_lines(path: Path, crs: CRS) -> list[Leg]:

@@ -1,4 +1,8 @@
-"""Read LiDAR scans one by one: npz, LAS/LAZ, PLY, KITTI .bin, and ROS recordings."""
+"""Reading of LiDAR scans one by one: npz, LAS/LAZ, PLY, KITTI .bin, ROS bags and recordings.
+
+`read_scans` returns scans in the world, with the poses of the sensor; `read_sensor_scans` those in the frame of the sensor.
+A KITTI Velodyne scan (``.bin``) has x, y, z and reflectance of each point as 32-bit floats.
+"""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -8,16 +12,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core.arrays import FloatArray, checked
-from survey.core.crs.vertical_datum import UNSTATED, datum_of_file, same_vertical_datum, vertical_datum_of
+from survey.core.crs import UNSTATED, datum_of_file, same_vertical_datum, vertical_datum_of
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file
+from survey.data.sensors.lidar import LidarScans, SensorScan, is_lidar_folder
 from survey.data.surface_points import SurfacePoints
-from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
-from survey.interchange.point_clouds import bag_clouds
+from survey.interchange.bags import bag_clouds
 from survey.io.arrays_file import load_npz
-from survey.io.point_columns import PLACE
-from survey.io.points.formats import read_point_table
-from survey.io.pose_files import read_tum
+from survey.io.point_files import read_point_table
+from survey.io.point_table import PLACE
+from survey.io.trajectory_files import read_tum
 
 _NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap", ".bag"), (".bin",)
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
@@ -93,7 +97,7 @@ def read_scans(
     beside `points` (N, 3); LAS, LAZ and PLY as the columns ``origin_x_m``, ``origin_y_m`` and
     ``origin_z_m``, or as a time per point where a trajectory is given; messages of a ROS 2
     recording and KITTI scans are in the sensor's frame and need the trajectory's attitude too. The
-    time of a KITTI scan is described at `survey.interchange.kitti_scans.kitti_time_s`.
+    time of a KITTI scan is described at `survey.interchange.scans.kitti_time_s`.
 
     Parameters
     ----------
@@ -205,3 +209,209 @@ def _points(
         return SurfacePoints(xyz, sigma_m=sigma_m, origins=origins, crs=crs, vertical_datum=stated)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+_KITTI_SUFFIX, _BAG_SUFFIXES = ".bin", (".db3", ".mcap", ".bag")
+_METADATA = "metadata.yaml"  # of the folder of a ROS 2 bag
+_KITTI_FOLDERS = (
+    ".",
+    "velodyne_points/data",
+    "velodyne",
+)  # scans, a raw drive, a sequence of the odometry set
+_ANGLE_SIGMA_DEG = 0.05
+_LIDAR = "lidar"
+
+
+class SensorScans(NamedTuple):
+    """Scans in the frame of the vehicle or of the sensor, with the stated errors of a range [m] and a direction [deg]."""
+
+    scans: Iterator[SensorScan]
+    range_sigma_m: float
+    angle_sigma_deg: float
+
+
+def holds_sensor_scans(source: str | Path) -> bool:
+    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI scans or a bag.
+
+    Parameters
+    ----------
+    source : str or pathlib.Path
+        File or folder.
+
+    Returns
+    -------
+    bool
+        False for points in a CRS.
+    """
+    place = Path(source)
+    if place.is_dir():
+        is_recorded = is_lidar_folder(place) or is_lidar_folder(place / _LIDAR)
+        return is_recorded or _is_bag(place) or _kitti_folder(place) is not None
+    return place.suffix == _KITTI_SUFFIX or _is_bag(place)
+
+
+def read_sensor_scans(
+    source: str | Path, pose_times_s: FloatArray, sigma_m: float | None = None
+) -> SensorScans:
+    """Read scans in the frame of their sensor, one after the other.
+
+    Those of a recording are in the frame of the vehicle, and each return has its time. KITTI scans and clouds have
+    one time for all returns, and the path has to be that of the scanner.
+
+    Parameters
+    ----------
+    source : str or pathlib.Path
+        Recording or its folder ``lidar``; KITTI ``.bin``, a folder of them, or a raw drive with ``velodyne_points``;
+        ``.bag`` of ROS 1; ROS 2 bag, its folder or the ``.db3`` or ``.mcap`` in it.
+    pose_times_s : (N,) ndarray
+        Times of the poses of the path [s], for KITTI scans without ``times.txt``.
+    sigma_m : float, optional
+        Standard deviation of a range [m]; needed where the source states none.
+
+    Returns
+    -------
+    SensorScans
+        Read when they are used.
+
+    Raises
+    ------
+    InputError
+        Missing or damaged files, or no standard deviation.
+    """
+    place = Path(source)
+    for folder in (place, place / _LIDAR):
+        if is_lidar_folder(folder):
+            recorded = LidarScans.read(folder)
+            stated = recorded.scanner
+            return SensorScans(iter(recorded), sigma_m or stated.range_sigma_m, stated.angle_sigma_deg)
+    if sigma_m is None:
+        raise InputError(
+            f"the scans {place} state no standard deviation of their ranges; give one with --sigma."
+        )
+    scans = _clouds(place) if _is_bag(place) else _kitti(place, pose_times_s)
+    return SensorScans(scans, sigma_m, _ANGLE_SIGMA_DEG)
+
+
+def _is_bag(place: Path) -> bool:
+    """Return whether a path is a ROS 1 bag, the folder of a ROS 2 bag, or the file in it."""
+    if place.is_dir():
+        return (place / _METADATA).is_file() and any(file.suffix in _BAG_SUFFIXES for file in place.iterdir())
+    return place.suffix in _BAG_SUFFIXES
+
+
+def _kitti_folder(place: Path) -> Path | None:
+    """Return the folder of KITTI scans in a folder; None where there are none."""
+    folders = (place / name for name in _KITTI_FOLDERS)
+    return next((folder for folder in folders if any(folder.glob(f"*{_KITTI_SUFFIX}"))), None)
+
+
+def _kitti(place: Path, pose_times_s: FloatArray) -> Iterator[SensorScan]:
+    folder = _kitti_folder(place) if place.is_dir() else None
+    files = [existing_file(place, "the scan")] if folder is None else sorted(folder.glob(f"*{_KITTI_SUFFIX}"))
+    for file in files:
+        yield _at_once(kitti_time_s(file, pose_times_s), read_kitti_scan(file))
+
+
+def _clouds(place: Path) -> Iterator[SensorScan]:
+    for time_s, xyz in bag_clouds(place if place.is_dir() else existing_file(place, "the recording")):
+        yield _at_once(time_s, xyz)
+
+
+def _at_once(time_s: float, xyz: FloatArray) -> SensorScan:
+    """Return a scan whose returns have one time, seen from the origin."""
+    return SensorScan(np.full(len(xyz), time_s), xyz, np.zeros(3))
+
+
+_POINT_BYTES = 16
+# No scanner of a rover or car measures farther; what does is no scan.
+_FARTHEST_M = 5000.0
+_TIMESTAMPS, _DATES = "times.txt", "timestamps.txt"
+
+
+def read_kitti_scan(path: str | Path) -> FloatArray:
+    """Read the points of one scan.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A ``.bin`` file.
+
+    Returns
+    -------
+    (N, 3) ndarray
+        Points in the sensor's frame (x forward, y left, z up) [m]; points at the sensor itself mark missing
+        returns and are left out.
+
+    Raises
+    ------
+    InputError
+        Missing, empty, cut off, no point with a return, or numbers that are no distances.
+    """
+    file = existing_file(path, "the scan")
+    size = file.stat().st_size
+    if size % _POINT_BYTES:
+        raise InputError(
+            f"the scan {file} has {size} bytes, no multiple of the {_POINT_BYTES} of a point; it was cut off or is no KITTI scan."
+        )
+    xyz = np.fromfile(file, dtype="<f4").reshape(-1, 4)[:, :3].astype(np.float64)
+    if not (np.isfinite(xyz).all() and np.abs(xyz).max() <= _FARTHEST_M):
+        raise InputError(
+            f"the scan {file} holds coordinates that are NaN or beyond {_FARTHEST_M:g} m; it is damaged or no KITTI scan."
+        )
+    points: FloatArray = xyz[(xyz != 0.0).any(axis=1)]
+    if len(points) == 0:
+        raise InputError(f"the scan {file} holds no return; leave it out.")
+    return points
+
+
+def kitti_time_s(path: str | Path, pose_times_s: FloatArray) -> float:
+    """Return the time of a scan by the number in its name.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The scan, such as ``velodyne/000012.bin``.
+    pose_times_s : (N,) ndarray
+        Times of the poses of the trajectory [s].
+
+    Returns
+    -------
+    float
+        The line of that number in ``times.txt``, or in ``timestamps.txt`` with dates in UTC (seconds since 1970), in
+        the folder of the scan or the one above; where there is none, the time of the pose of that number, for
+        KITTI has one pose for each scan [s].
+
+    Raises
+    ------
+    InputError
+        A name that is no number, or a number without a time.
+    """
+    file = Path(path)
+    if not file.stem.isdecimal():
+        raise InputError(
+            f"the scan {file} has no number as its name; KITTI scans are named 000000.bin, 000001.bin …"
+        )
+    number, where, times = int(file.stem), "the trajectory", pose_times_s
+    beside = (folder / name for folder in (file.parent, file.parent.parent) for name in (_TIMESTAMPS, _DATES))
+    stated = next((table for table in beside if table.is_file()), None)
+    if stated is not None:
+        where, times = str(stated), _times_s(stated)
+    if number >= len(times):
+        raise InputError(
+            f"the scan {file} has the number {number}, and {where} has {len(times)} times; give that of the same drive."
+        )
+    return float(times[number])
+
+
+def _times_s(path: Path) -> FloatArray:
+    lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    try:
+        if path.name == _DATES:
+            since = np.array(lines, dtype="datetime64[ns]").astype(np.int64)
+            return np.asarray(1e-9 * since, dtype=np.float64)
+        return np.array([float(line) for line in lines])
+    except ValueError as error:
+        expected = "one date and time" if path.name == _DATES else "one number"
+        raise InputError(
+            f"{path} holds something that is no time ({error}); {expected} in each line was expected."
+        ) from error

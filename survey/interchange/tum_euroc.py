@@ -6,12 +6,11 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.writing import replacing
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frame_writer import png_of_frame
-from survey.data.camera.frames import Frames
+from survey.core.files import replacing
+from survey.data.camera import Camera
+from survey.data.frames import Frames, png_of_frame
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.records import Inertial
 from survey.data.trajectory import Trajectory
 
 

@@ -1,20 +1,23 @@
-"""NumPy ``.npz`` files with a checksum of their content, and models of arrays and facts stored in them."""
+"""NumPy ``.npz`` files with a checksum of their content, and CRC-32 checksums of arrays.
+
+`write_npz` stores the CRC-32 of the names, types, shapes and values of the arrays; the reader compares it, and refuses
+a file that claims more memory than it may take. `write_arrays` adds JSON facts and the version of the format. Other formats
+(GeoTIFF, LAS, PLY, TUM) carry the same `checksum` of their values.
+"""
 
 import io
 import json
 import math
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from survey.core.checksum import checksum
 from survey.core.errors import CapacityError, InputError
-from survey.core.files.library_messages import first_line
-from survey.core.files.reading import existing_file
-from survey.core.files.writing import replacing
+from survey.core.files import existing_file, first_line, replacing
 
 LARGEST_BYTES = 2**31
 """Largest arrays of one file: 2.1 GB in memory."""
@@ -90,7 +93,7 @@ def load_npz(file: Path, what: str, remedy: str) -> dict[str, Any]:
     Parameters
     ----------
     file : pathlib.Path
-        From `survey.core.files.reading.existing_file`.
+        From `survey.core.files.existing_file`.
     what : str
         What it holds, for messages.
     remedy : str
@@ -206,3 +209,55 @@ def _checksum(arrays: Mapping[str, Any]) -> str:
     for name in sorted(arrays):
         parts += [f"{name} {arrays[name].dtype.str} {arrays[name].shape}\n", arrays[name]]
     return checksum(parts)
+
+
+def checksum(parts: Iterable[Any]) -> str:
+    """Return the CRC-32 of arrays and texts, one after the other, as eight hexadecimal digits.
+
+    Parameters
+    ----------
+    parts : iterable of array_like or str
+        What the checksum is taken of, in order.
+
+    Returns
+    -------
+    str
+        Eight hexadecimal digits.
+
+    Examples
+    --------
+    >>> checksum([np.zeros(3), "EGM96 height"])
+    '1c43a30a'
+    """
+    crc = 0
+    for part in parts:
+        content = part.encode("utf-8") if isinstance(part, str) else np.ascontiguousarray(part).tobytes()
+        crc = zlib.crc32(content, crc)
+    return f"{crc:08x}"
+
+
+def refuse_altered(path: Path, stated: str, parts: Iterable[Any], where: str) -> None:
+    """Refuse values that are not those which the file's checksum was taken of.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    stated : str
+        The checksum that it states.
+    parts : iterable of array_like or str
+        What was read from it.
+    where : str
+        Where the checksum stands in the file, for the message.
+
+    Raises
+    ------
+    InputError
+        The values have another checksum; the message names the place of the stated one.
+    """
+    found = checksum(parts)
+    if stated != found:
+        raise InputError(
+            f"{path} is damaged: its values have the checksum {found} where {where} says {stated[:16]!r}; get it again "
+            f"(or, if another tool changed its values on purpose, remove {where})."
+        )

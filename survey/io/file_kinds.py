@@ -1,19 +1,30 @@
 """Allow-list of file formats: each suffix stands for one GDAL driver, and the content is checked before GDAL opens it.
 
-GDAL recognises a file by its content, and many of its formats name other files or addresses. A file is opened
-by the driver of its suffix; nothing that a data file names is opened but plain files beside it, and no address at all.
+GDAL recognises a file by its content, and many of its formats name other files or addresses. A file is opened by the
+driver of its suffix; nothing that a data file names is opened but plain files beside it, and no address at all.
+JSON and XML are checked for size, CRS and entities; KMZ is unpacked as Google Earth does it; every number of an Esri
+ASCII grid is checked, because GDAL reads letters and missing numbers as 0.
 """
 
-from collections.abc import Mapping
+import json
+import math
+import re
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import IO, Any
+from xml.parsers import expat
 
-from survey.core.errors import InputError
-from survey.io.ascii_grid import check_ascii_grid
-from survey.io.companions import files_beside
-from survey.io.document_checks import ROOTS, check_json, check_xml, small_text
-from survey.io.kmz import kml_document
-from survey.io.vrt import raster_sources
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.crs import known_crs
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import first_line
+from survey.io.dataset_files import files_beside, raster_sources
 
 RASTER_DRIVERS: Mapping[str, str] = MappingProxyType(
     {
@@ -173,3 +184,263 @@ def _check_companion(file: Path) -> None:
             )
     elif suffix == ".prj":
         _check_content(file)
+
+
+LARGEST_TEXT_BYTES = 256 * 2**20
+"""JSON and XML files beyond this are not read: while they are parsed they take some ten times their size."""
+ROOTS = {".kml": "kml", ".kmz": "kml", ".gpx": "gpx"}
+_PLAIN_CRS = re.compile(
+    rb'"crs"\s*:\s*\{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*\{\s*"name"\s*:\s*"([^"\\]*)"\s*\}\s*\}'
+)
+_CRS_MEMBERS = frozenset({"type", "properties", "name", "href", "url", "link"})
+
+
+def small_text(file: Path, what: str) -> bytes:
+    """Read a JSON or XML file, or refuse one that is too large to be parsed."""
+    n_bytes = file.stat().st_size
+    if n_bytes > LARGEST_TEXT_BYTES:
+        raise CapacityError(
+            f"{what} {file} has {n_bytes:,} bytes; {LARGEST_TEXT_BYTES:,} can be read as text, save it as GeoPackage."
+        )
+    return file.read_bytes()
+
+
+def check_json(file: Path, what: str) -> None:
+    """Refuse GeoJSON with a CRS that is a link, which GDAL would follow, or an unknown name, which it would ignore."""
+    content = small_text(file, what)
+    if b"gdal_streamed_alg" in content:
+        raise InputError(
+            f"{what} {file} holds a GDAL pipeline; run it first and name the file that it writes."
+        )
+    if b'"crs"' not in content and b"\\u" not in content:  # other spellings of the key need an escape
+        return
+    where = f"{what} {file}"
+    plain = _PLAIN_CRS.findall(content)
+    if len(plain) == content.count(b'"crs"') and b"\\u" not in content:
+        for name in set(plain):
+            _check_crs_name(name.decode("utf-8", "replace"), where)
+        return
+    try:
+        inner, outer = _crs_members(content)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is damaged or no JSON ({first_line(error)}); get it again.") from error
+    # A property of a feature may be called crs as well: there only what GDAL could follow is looked at.
+    for crs in [*(crs for crs in inner if isinstance(crs, dict)), *outer]:
+        if crs is not None:
+            _check_named_crs(crs, where)
+
+
+def _crs_members(content: bytes) -> tuple[list[Any], list[Any]]:
+    """Return all values of keys ``crs`` in a JSON text: those of inner objects, and of the outermost one."""
+    found: list[list[Any]] = []
+
+    def collect(members: list[tuple[str, Any]]) -> Any:
+        found.append([value for key, value in members if key == "crs"])
+        # Members of a CRS are needed, all others are skipped.
+        return dict(members) if {key for key, _ in members} <= _CRS_MEMBERS else None
+
+    json.loads(content, object_pairs_hook=collect)
+    return [crs for values in found[:-1] for crs in values], found[-1] if found else []
+
+
+def _check_named_crs(crs: Any, where: str) -> None:
+    """Refuse a GeoJSON ``crs`` member that is not the name of a CRS that PROJ knows."""
+    match crs:
+        case {"type": "name", "properties": {"name": str(name)}}:
+            _check_crs_name(name, where)
+        case _:
+            raise InputError(
+                f"{where} has a linked or malformed 'crs' member, and links are not followed; name an EPSG code in it, or save the file as GeoPackage."
+            )
+
+
+def _check_crs_name(name: str, where: str) -> None:
+    """Refuse the name of a CRS that PROJ does not know: GDAL would take the places for degrees."""
+    known_crs(name, where)
+
+
+def check_xml(content: bytes, root: str, where: str) -> None:
+    """Refuse XML that begins with another element, declares entities, or links to other documents."""
+    names: list[str] = []
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def element(name: str, _: Any) -> None:
+        local = name.rsplit(" ", 1)[-1]
+        if (not names and local != root) or local == "NetworkLink":
+            raise InputError(
+                f"{where} holds <{local[:40]}>; a <{root}> document with the features themselves was expected."
+            )
+        names.append(local) if not names else None
+
+    def doctype(*_: Any) -> None:
+        raise InputError(f"{where} declares a document type or XML entities; remove the declaration.")
+
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = element, doctype
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(f"{where} is damaged or no XML ({error}); get it again.") from error
+    except InputError:
+        raise
+    except (LookupError, ValueError) as error:
+        # Python looks up encodings that expat does not know, and refuses some itself.
+        raise InputError(
+            f"{where} states an encoding that cannot be read ({error}); save it as UTF-8."
+        ) from error
+
+
+# zipfile raises RuntimeError for an encrypted member and NotImplementedError for an unknown compression.
+_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError)
+
+
+def kml_document(file: Path, what: str) -> bytes:
+    """Return the first KML document of a KMZ file.
+
+    Raises
+    ------
+    InputError
+        No archive, a damaged or encrypted one, or one without a KML document.
+    CapacityError
+        A document that is too large to be parsed.
+    """
+    try:
+        with zipfile.ZipFile(file) as archive:
+            member = next((m for m in archive.infolist() if m.filename.lower().endswith(".kml")), None)
+            if member is None:
+                raise InputError(
+                    f"{what} {file} holds no KML document (doc.kml); save the placemarks as KMZ or KML again."
+                )
+            if member.file_size > LARGEST_TEXT_BYTES:
+                raise CapacityError(
+                    f"{what} {file} holds a document of {member.file_size:,} bytes; {LARGEST_TEXT_BYTES:,} can be "
+                    "read as text, save it as GeoPackage."
+                )
+            return archive.read(member)
+    except _DAMAGE as error:
+        raise InputError(
+            f"{what} {file} is damaged or no KMZ archive ({first_line(error)}); get it again."
+        ) from error
+
+
+_KEYS = frozenset(
+    [
+        "ncols",
+        "nrows",
+        "xllcorner",
+        "yllcorner",
+        "xllcenter",
+        "yllcenter",
+        "cellsize",
+        "dx",
+        "dy",
+        "nodata_value",
+    ],
+)
+_LONGEST_HEADER = 16
+_LONGEST_LINE = 64 * 2**20
+
+
+def check_ascii_grid(file: Path) -> None:
+    """Refuse an ASCII grid that holds anything but the numbers that its header announces.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        An existing ``.asc`` file.
+
+    Raises
+    ------
+    InputError
+        A header line that is unknown or given twice, a word that is no number, too few or too
+        many numbers, or lines of unequal length where there is one line per row.
+    """
+    with file.open("rb") as stream, warnings.catch_warnings():
+        # NumPy warns of text behind the numbers, and will refuse it.
+        warnings.simplefilter("error", DeprecationWarning)
+        header, first = _header(stream, file)
+        counts = [len(row) for row in _rows(stream, first, file, len(header) + 1)]
+    _check_place(header, file)
+    columns, rows = _whole(header, "ncols", file), _whole(header, "nrows", file)
+    if sum(counts) != columns * rows:
+        raise InputError(
+            f"{file} holds {sum(counts):,} numbers where its header names {rows:,} rows of {columns:,}; it was cut off or changed, get it again."
+        )
+    uneven = next((k for k, n in enumerate(counts) if n != columns), None)
+    if len(counts) == rows and uneven is not None:
+        raise InputError(
+            f"{file}, row {uneven + 1}: {counts[uneven]:,} numbers where the header names {columns:,}; correct the row."
+        )
+
+
+def _check_place(header: dict[str, float], file: Path) -> None:
+    """Refuse a header without a place: GDAL puts the grid at 0, 0 where corner and centre are mixed."""
+    if not any({f"xll{at}", f"yll{at}"} <= header.keys() for at in ("corner", "center")):
+        raise InputError(
+            f"{file} has a header with {', '.join(key for key in header if key.startswith(('xll', 'yll'))) or 'no place'}; xllcorner and yllcorner, "
+            "or xllcenter and yllcenter, were expected."
+        )
+
+
+def _header(stream: IO[bytes], file: Path) -> tuple[dict[str, float], bytes]:
+    """Return the values of the header, and the first line behind it."""
+    header: dict[str, float] = {}
+    for _ in range(_LONGEST_HEADER):
+        line = stream.readline(_LONGEST_LINE)
+        words = line.split()
+        if not words and line:
+            continue
+        if not words or not words[0][:1].isalpha() or words[0].lower() in (b"nan", b"inf"):
+            return header, line
+        key = words[0].decode("ascii", "replace").lower()
+        if len(words) != 2 or key not in _KEYS or key in header:
+            found = line.decode("ascii", "replace").strip()[:60]
+            raise InputError(
+                f"{file} has the header line {found!r}; each of ncols, nrows, xllcorner, yllcorner, cellsize and nodata_value was expected once with one number."
+            )
+        header[key] = float(_numbers(words[1], file, len(header) + 1)[0])
+    raise InputError(f"{file} has a header of more than {_LONGEST_HEADER} lines; it is no ASCII grid.")
+
+
+def _rows(stream: IO[bytes], first: bytes, file: Path, number: int) -> Iterator[FloatArray]:
+    """Yield the numbers of each line that holds any."""
+    line = first
+    while line:
+        if len(line) >= _LONGEST_LINE:
+            raise InputError(
+                f"{file}, line {number}: it is longer than {_LONGEST_LINE:,} bytes; write one line per row."
+            )
+        if not line.isspace():
+            yield _numbers(line, file, number)
+        line, number = stream.readline(_LONGEST_LINE), number + 1
+
+
+def _numbers(text: bytes, file: Path, number: int) -> FloatArray:
+    try:
+        values: FloatArray = np.fromstring(text, dtype=np.float64, sep=" ")
+    except (DeprecationWarning, ValueError):
+        values = np.empty(0)
+    if len(values) == 0:
+        raise InputError(
+            f"{file}, line {number}: {_first_wrong(text)!r} is no number; correct it, or get the file again."
+        )
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"{file}, line {number}: it holds nan or inf, which GDAL may read as 0; write the number that nodata_value names."
+        )
+    return values
+
+
+def _first_wrong(text: bytes) -> str:
+    for word in text.split():
+        try:
+            float(word)
+        except ValueError:
+            return word.decode("utf-8", "replace")[:40]
+    return text[:40].decode("utf-8", "replace")
+
+
+def _whole(header: dict[str, float], key: str, file: Path) -> int:
+    value = header.get(key, math.nan)
+    if not (value >= 1 and value.is_integer()):
+        raise InputError(f"{file} has the {key} {value:g}; a whole number of at least 1 was expected.")
+    return int(value)

@@ -8,16 +8,10 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.crs import UNSTATED
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
-from survey.io.point_columns import PLACE, in_own_columns, place_columns
-from survey.io.points.formats import read_point_table, refuse_marks
-from survey.io.points.table import PointTable
-from survey.io.points.vector import VECTOR_ENDINGS
-from survey.io.text_tables.delimited import TextTable, read_text_table
-from survey.io.text_tables.hemispheres import refuse_hemispheres
-from survey.io.text_tables.spellings import (
+from survey.core.files import existing_file
+from survey.io.column_names import (
     ColumnNames,
     axis_of,
     datum_of_column,
@@ -27,6 +21,9 @@ from survey.io.text_tables.spellings import (
     renamed_header,
     say_columns,
 )
+from survey.io.point_files import VECTOR_ENDINGS, read_point_table, refuse_marks
+from survey.io.point_table import PLACE, PointTable, in_own_columns, place_columns
+from survey.io.text_tables import TextTable, read_text_table, refuse_hemispheres
 from survey.io.vector import read_features
 
 _NAME = "name"

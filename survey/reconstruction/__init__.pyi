@@ -1,12 +1,7 @@
 """Public names and the modules that define them."""
 
-from survey.data.ice.motion import IceMotion as IceMotion
-from survey.data.sensors.stake_files import read_stake_surveys as read_stake_surveys
-from survey.reconstruction.base import INTERPOLATED as INTERPOLATED
-from survey.reconstruction.base import MEASURED as MEASURED
-from survey.reconstruction.base import RAY_BOUNDED as RAY_BOUNDED
-from survey.reconstruction.base import UNSEEN as UNSEEN
-from survey.reconstruction.base import Reconstruction as Reconstruction
+from survey.data.ice_motion import IceMotion as IceMotion
+from survey.data.sensors.stakes import read_stake_surveys as read_stake_surveys
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain as GaussianProcessTerrain
 from survey.reconstruction.gp.mean import ConstantMean as ConstantMean
@@ -18,7 +13,12 @@ from survey.reconstruction.motion.priors import VelocityRasters as VelocityRaste
 from survey.reconstruction.motion.priors import motion_from_rasters as motion_from_rasters
 from survey.reconstruction.motion.priors import motion_from_slope as motion_from_slope
 from survey.reconstruction.motion.priors import uniform_motion as uniform_motion
+from survey.reconstruction.motion.refinement import area_mean as area_mean
 from survey.reconstruction.motion.refinement import refined_motion as refined_motion
-from survey.reconstruction.motion.stake_series import predict_position as predict_position
-from survey.reconstruction.motion.volume import area_mean as area_mean
+from survey.reconstruction.motion.stakes import predict_position as predict_position
+from survey.reconstruction.terrain_map import INTERPOLATED as INTERPOLATED
+from survey.reconstruction.terrain_map import MEASURED as MEASURED
+from survey.reconstruction.terrain_map import RAY_BOUNDED as RAY_BOUNDED
+from survey.reconstruction.terrain_map import UNSEEN as UNSEEN
+from survey.reconstruction.terrain_map import Reconstruction as Reconstruction
 from survey.reconstruction.terrain_model import TerrainModel as TerrainModel

@@ -16,7 +16,7 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.reconstruction.base import BEYOND, Reconstruction
+from survey.reconstruction.terrain_map import BEYOND, Reconstruction
 
 # Share of the extent, beyond the points, within which the fitted kernel holds.
 _TRUSTED_SHARE = 0.25

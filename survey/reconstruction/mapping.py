@@ -8,20 +8,20 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arguments import check_types
 from survey.core.config import Section
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.registry import METHODS, method_named, names_where
+from survey.reconstruction.terrain_map import ELEVATION, UNSEEN, Reconstruction
 
 
 @check_types
@@ -139,7 +139,7 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
         mapped = method.run(task)
     if task.rays and method.sight_lines == "truncation":
         # Here, because compiled support is only needed with lines of sight.
-        from survey.reconstruction.line_of_sight.truncation import below_sight_lines
+        from survey.reconstruction.line_of_sight.ceiling import below_sight_lines
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
     require_heights(mapped.reconstruction)

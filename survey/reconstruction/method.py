@@ -4,20 +4,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
 
-from survey.core.arrays import Bounds, Progress
+from survey.core.arrays import Bounds, Progress, ReadOnlyMapping
 from survey.core.config import Section
-from survey.core.mappings import ReadOnlyMapping
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.gp.mean import Mean
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 
 if TYPE_CHECKING:
-    from survey.reconstruction.joint.correction import PathCorrection
+    from survey.reconstruction.joint.drives import PathCorrection
 
 SightLines = Literal["truncation", "own", "none"]
 """How a method uses lines of sight: its map is cut off at them afterwards, it uses them itself, or it cannot."""

@@ -14,8 +14,8 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.capacity import rounded_up, smallest_step_m
+from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.terrain_model import TerrainModel, not_fitted
 
 # Beyond this number neighbouring steps are the same number in double precision.

@@ -15,17 +15,17 @@ from dataclasses import replace
 import numpy as np
 
 from survey.core.arrays import Progress
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.mapping import run
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig, method_named
+from survey.reconstruction.terrain_map import ELEVATION
 
 logger = logging.getLogger(__name__)
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.mapping import require_heights
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
+from survey.reconstruction.terrain_map import Reconstruction
 
 
 class ScanMap(NamedTuple):
@@ -77,6 +77,6 @@ def map_scans(
 
 
 def _ground_of(scan: SurfacePoints) -> SurfacePoints:
-    from survey.reconstruction.line_of_sight.ground import ground
+    from survey.reconstruction.line_of_sight.returns import ground
 
     return scan.select(ground(scan.xyz))

@@ -14,7 +14,7 @@ from survey.data.surface_points import SurfacePoints
 
 if TYPE_CHECKING:
     pass
-from survey.reconstruction.base import SIGMAS_95, Reconstruction
+from survey.reconstruction.terrain_map import SIGMAS_95, Reconstruction
 
 Quantity = Literal["mean", "std", "lower", "upper", "support"]
 

@@ -10,15 +10,14 @@ from pyproj import CRS
 from scipy.spatial import Delaunay, cKDTree
 
 from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.crs import UNSTATED, same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
-from survey.reconstruction.base import ELEVATION, INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.observations import Observations
+from survey.reconstruction.terrain_map import ELEVATION, INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, local_datum_m, not_fitted
 
 _FORMAT = "firnline triangulated terrain 1"

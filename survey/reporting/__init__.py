@@ -4,7 +4,7 @@ Figures are drawn by `survey.figures`; scores are computed by `survey.scoring`.
 """
 
 from survey.reporting.page import write_report
-from survey.reporting.surveyed import (
+from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
     OnBoard,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from survey.core.quantity_text import duration_text, energy_text
+from survey.core.text import duration_text, energy_text
 
 MINUS = "\u2212"
 

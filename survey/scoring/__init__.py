@@ -2,25 +2,21 @@
 
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 from survey.scoring.change.along_flow import Thickness
-from survey.scoring.change.change import change
 from survey.scoring.change.coregistration import Shift, coregister
-from survey.scoring.change.models import change_of_models
-from survey.scoring.change.results import AlongFlow, Change, FlowBalance, MassBalance, VolumeChange
-from survey.scoring.coverage import Coverage, SampleCells, science_coverage
-from survey.scoring.motion.displacements import RasterField, SteadyField, TrackedField
-from survey.scoring.motion.tracking import TrackedMotion, track
-from survey.scoring.score import Score, score
-from survey.scoring.spread import centeredness, distribution
-from survey.scoring.standards.assessment import CheckpointScore, score_at
-from survey.scoring.standards.certificate import Certificate, certificate
-from survey.scoring.standards.checkpoint_design import design_checkpoints
-from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread, compare
-from survey.scoring.standards.checkpoints import Checkpoints
-from survey.scoring.standards.findings import Assessment
-from survey.scoring.standards.intervals import RmseInterval
+from survey.scoring.change.difference import change, change_of_models
+from survey.scoring.change.displacements import RasterField, SteadyField, TrackedField
+from survey.scoring.change.tracking import TrackedMotion, track
+from survey.scoring.change.volume_change import AlongFlow, Change, FlowBalance, MassBalance, VolumeChange
+from survey.scoring.coverage import Coverage, SampleCells, centeredness, distribution, science_coverage
+from survey.scoring.scores import Score, score
+from survey.scoring.standards.assessment import Assessment, CheckpointScore, score_at
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors, RmseInterval, Spread, compare
+from survey.scoring.standards.checkpoints import Checkpoints, design_checkpoints
 from survey.scoring.standards.map_classes import (
+    Certificate,
     MapClass,
     Verdict,
+    certificate,
     judge,
     map_classes,
 )

@@ -1,17 +1,25 @@
-"""Coverage of an area by a route: science-centric and robot-centric (Eq. 11)."""
+"""Coverage of an area by the samples of a route, their spread, and coverage by the nodes of a map.
 
+`Coverage` measures a route over an area: science-centric coverage (Eq. 11 of the glacier paper,
+`science_coverage`), the share of cells visited, robot-centric coverage, centeredness α (Eqs. 12 and 13) and
+distributedness β (Eqs. 14 to 16). `covered_share` is the share of an area's free ground on which a map gives a
+height; `counted` counts the nodes that a score leaves out, by reason.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+import shapely
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
-from survey.data.route import Route
-from survey.scoring.spread import centeredness, distribution
+from survey.data.dem import Dem
+from survey.data.route import Route, RouteSamples
 
 # A sample on the edge between two cells counts for the north-eastern one whatever the rounding.
 _SLACK_CELLS = 1e-6
@@ -220,3 +228,162 @@ class Coverage:
             alpha=centeredness(samples, area.reference, area.farthest_m),
             beta=distribution(route, tracks),
         )
+
+
+SHORTEST_STEP_M = 1.0
+"""Cross-track steps below this are left out of Eq. 15 [m]."""
+# A straight swath deviates from its axis by rounding alone.
+_STRAIGHT_M = 1e-6
+
+
+def centeredness(samples: Any, reference: Any, farthest_m: float) -> float:
+    r"""Return the distance of the samples' centre of mass from the reference, relative (α, Eqs. 12 and 13).
+
+    .. math::  \alpha = \| \tfrac{1}{M} \sum_m x_m - x_{ref} \| / D_{max}
+
+    Parameters
+    ----------
+    samples : (M, 2) array_like
+        Easting and northing of every sample taken, repeats included [m].
+    reference : (2,) array_like
+        The centre of the area [m].
+    farthest_m : float
+        :math:`D_{max}`: distance from the reference to the farthest point of the area [m].
+
+    Returns
+    -------
+    float
+        0 (best) to 1.
+
+    Notes
+    -----
+    Samples crowded around the centre and samples along the border both give 0.
+
+    Examples
+    --------
+    >>> centeredness([[0.0, 0.0], [6.0, 8.0]], (0.0, 0.0), farthest_m=10.0)
+    0.5
+    """
+    points = np.asarray(samples, dtype=np.float64).reshape(-1, 2)
+    if len(points) == 0 or not farthest_m > 0.0:
+        raise InputError(
+            f"centeredness needs samples and an area around the reference; there are {len(points)} samples and "
+            f"{farthest_m} m to the farthest point."
+        )
+    return float(np.hypot(*(points.mean(axis=0) - np.asarray(reference)))) / farthest_m
+
+
+def distribution(route: Route, tracks: Sequence[RouteSamples]) -> float | None:
+    r"""Return the mean distance from the swath over the mean step across it (β, Eqs. 14 to 16).
+
+    .. math::  \beta_a = \frac{1}{M} \sum_{m=1}^M |y_m|, \quad
+               \beta_b = \frac{1}{K} \sum_{|y_m - y_{m+1}| \ge 1\,\mathrm{m}} |y_m - y_{m+1}|, \quad
+               \beta = \beta_a / \beta_b
+
+    with y the distance of a sample from the axis of its own swath and K the number of
+    those steps. The paper divides by M − 1 in any case; steps from one swath to the
+    next and samples on transits are left out here.
+
+    Parameters
+    ----------
+    route : Route
+        The legs and their axes.
+    tracks : sequence of RouteSamples
+        `Route.sample` of every rover.
+
+    Returns
+    -------
+    float or None
+        0 for straight swaths; ``None`` when swaths deviate but never by a metre from one
+        sample to the next, or when no sample lies on a swath.
+
+    Examples
+    --------
+    >>> from survey.data.route import Leg
+    >>> zigzag = Leg("swath", [[0, 0], [6, 8], [12, 0]], axis=[[0, 0], [12, 0]])
+    >>> route = Route((zigzag,), "EPSG:32608", "zigzag")
+    >>> distribution(route, [route.sample(5.0)])
+    0.8
+    """
+    offsets = [
+        _across(route.legs[leg].axis, track.xy[track.leg == leg])
+        for track in tracks
+        for leg in np.unique(track.leg)
+        if route.legs[leg].kind == "swath"
+    ]
+    if not offsets:
+        return None
+    mean_offset_m = float(np.abs(np.concatenate(offsets)).mean())
+    if mean_offset_m < _STRAIGHT_M:
+        return 0.0
+    steps = np.concatenate([np.abs(np.diff(y)) for y in offsets])
+    # The slack lets a step of exactly 1 m count whatever the rounding.
+    steps = steps[steps >= SHORTEST_STEP_M - _STRAIGHT_M]
+    return mean_offset_m / float(steps.mean()) if len(steps) else None
+
+
+def _across(axis: FloatArray, xy: FloatArray) -> FloatArray:
+    """Return the signed distance (N,) of places from the straight line through both ends of an axis [m]."""
+    (x0, y0), (x1, y1) = axis
+    length = float(np.hypot(x1 - x0, y1 - y0))
+    if length == 0.0:
+        raise InputError(
+            f"a swath's axis starts and ends at ({x0:.1f}, {y0:.1f}); give it two different ends."
+        )
+    signed: FloatArray = ((x1 - x0) * (xy[:, 1] - y0) - (y1 - y0) * (xy[:, 0] - x0)) / length
+    return signed
+
+
+class NodeCounts(NamedTuple):
+    """Numbers of nodes that a score leaves out.
+
+    Parameters
+    ----------
+    outside : int
+        Outside the area.
+    unknown : int
+        In the area, with a height in the map and none in the reference.
+    silent : int
+        In the area, without a height in the map.
+    """
+
+    outside: int
+    unknown: int
+    silent: int
+
+
+def counted(heights: FloatArray, reference: FloatArray, inside: BoolArray, *, has_area: bool) -> NodeCounts:
+    """Count the nodes (N,) that are left out, by reason.
+
+    Where no area was named, nodes at which neither map nor reference has a height count as outside.
+    """
+    given, known = np.isfinite(heights), np.isfinite(reference)
+    wanted = inside if has_area else inside & (given | known)
+    return NodeCounts(
+        outside=int((~wanted).sum()),
+        unknown=int((wanted & given & ~known).sum()),
+        silent=int((wanted & ~given).sum()),
+    )
+
+
+def nodes_beyond(bounds: Bounds, step_m: float, area: SurveyArea) -> int:
+    """Return the number of nodes that the part of an area beyond a raster's bounds would hold."""
+    beyond_m2 = float(area.free.difference(shapely.box(*bounds)).area)
+    return round(beyond_m2 / step_m**2)
+
+
+def covered_share(dem: Dem, area: SurveyArea) -> float:
+    """Return the share of an area's free ground on which a map gives a height.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.5, 0.5, 9.5, 9.5), 1.0, "EPSG:32608")
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608")
+    >>> covered_share(Dem.on(grid, np.zeros(grid.shape)), area)
+    0.5
+    """
+    inside = area.contains(dem.xy)
+    given = int((inside & np.isfinite(dem.elevation.ravel())).sum())
+    wanted = int(inside.sum()) + nodes_beyond(dem.bounds, dem.step_m, area)
+    return given / wanted if wanted else 0.0

@@ -1,22 +1,21 @@
 """Simulated and real terrain: random fields, landforms, ice micro-relief, and the satellite prior of it."""
 
-from survey.terrain.interpolation import smooth_interpolation
-from survey.terrain.landforms import (
-    cosine_surface,
-    diamond_square,
-    gaussian_hills,
-    slope_and_waves,
-)
-from survey.terrain.micro_relief import ice_micro_relief
 from survey.terrain.random_fields import (
     fractional_brownian,
     matern_field,
     spectral_field,
     squared_exponential_field,
 )
-from survey.terrain.random_terrain import random_dem
 from survey.terrain.real import SampleSite, real_sample, sample_site
-from survey.terrain.satellite import SatelliteDem, satellite_copy
+from survey.terrain.satellite import SatelliteDem, satellite_copy, smooth_interpolation
+from survey.terrain.synthetic import (
+    cosine_surface,
+    diamond_square,
+    gaussian_hills,
+    ice_micro_relief,
+    random_dem,
+    slope_and_waves,
+)
 
 __all__ = [
     "SampleSite",

@@ -1,14 +1,25 @@
-"""Satellite prior of a terrain: means over coarse cells, with noise."""
+"""Satellite elevation products of a terrain: coarse means with errors, and smooth interpolation of their cells.
+
+`satellite_copy` takes means over coarse cells and adds white noise. `product_copy` adds the errors of a real product:
+offset, tilt, horizontal shift, correlated and white errors. `smooth_interpolation` returns a smooth surface with the
+same cell means.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from affine import Affine
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import shift as shifted_array
 
 from survey.core.arrays import FloatArray
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.reconstruction.prior import PriorErrors
+from survey.reconstruction.prior_likelihood import correlation
 
 
 @dataclass(frozen=True)
@@ -131,3 +142,232 @@ def _overlaps(n_fine: int, fine_m: float, offset_m: float, coarse_m: float, n_co
     overlap = np.minimum(fine + fine_m, coarse + coarse_m) - np.maximum(fine, coarse)
     shares: FloatArray = np.clip(overlap, 0.0, None) / coarse_m
     return shares
+
+
+_MOST_CELLS = 4000
+
+
+@dataclass(frozen=True)
+class ProductErrors:
+    """Errors of one copy of an elevation product, as they were drawn; the defaults are none.
+
+    Parameters
+    ----------
+    offset_m : float
+        Height by which all cells are too high [m].
+    tilt_m_per_km : (2,) tuple of float
+        Slope of the error to the east and to the north, about the middle of the copy [m/km].
+    shift_m : (2,) tuple of float
+        Displacement of the copy to the east and to the north [m].
+    correlated_sigma_m, correlation_m : float
+        Standard deviation of the error that neighbouring cells share, and the distance over which its correlation
+        falls to 1/e [m].
+    sigma_m : float
+        Standard deviation of each cell's independent error [m].
+
+    Examples
+    --------
+    >>> ProductErrors(offset_m=0.5).is_white
+    False
+    """
+
+    offset_m: float = 0.0
+    tilt_m_per_km: tuple[float, float] = (0.0, 0.0)
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    correlated_sigma_m: float = 0.0
+    correlation_m: float = 250.0
+    sigma_m: float = 1.0
+
+    @classmethod
+    def drawn(cls, errors: PriorErrors, rng: np.random.Generator) -> Self:
+        """Draw offset, tilt and shift of a class of products; sizes of the others are its medians.
+
+        Parameters
+        ----------
+        errors : PriorErrors
+            Error model of the class.
+        rng : numpy.random.Generator
+            For the draw.
+
+        Returns
+        -------
+        ProductErrors
+            One draw.
+        """
+        offset, *others = rng.standard_normal(5).tolist()
+        tilt, shift = errors.tilt_sigma_m_per_km, errors.shift_sigma_m
+        return cls(
+            errors.level_sigma_m * offset,
+            (tilt * others[0], tilt * others[1]),
+            (shift * others[2], shift * others[3]),
+            errors.correlated.median_m,
+            errors.correlation_m,
+            errors.white.median_m,
+        )
+
+    @property
+    def is_white(self) -> bool:
+        """Whether cells err independently, and in no other way."""
+        return replace(self, sigma_m=1.0) == ProductErrors(correlation_m=self.correlation_m)
+
+
+def product_copy(
+    dem: Dem,
+    errors: ProductErrors,
+    *,
+    rng: np.random.Generator,
+    cell_m: float = 75.0,
+    correlated_rng: np.random.Generator | None = None,
+) -> SatelliteDem:
+    """Return the block means of a displaced DEM, with the errors of a product.
+
+    Parameters
+    ----------
+    dem : Dem
+        The terrain. What a displacement brings in from beyond its edge continues the edge.
+    errors : ProductErrors
+        Errors of the copy.
+    rng : numpy.random.Generator
+        For the white error.
+    cell_m : float
+        Width of a coarse cell [m].
+    correlated_rng : numpy.random.Generator, optional
+        For the correlated error; `rng` by default.
+
+    Returns
+    -------
+    SatelliteDem
+        In the same CRS and vertical datum; the same as `satellite_copy` where the errors are white.
+
+    Raises
+    ------
+    InputError
+        What `satellite_copy` refuses, or correlated errors of more than 4,000 cells.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> flat = Dem.on(Grid((0.0, 0.0, 600.0, 600.0), 5.0), np.full((121, 121), 7.0))
+    >>> high = ProductErrors(offset_m=0.5, sigma_m=0.0)
+    >>> float(product_copy(flat, high, rng=np.random.default_rng(1)).elevation.mean())
+    7.5
+    """
+    moved = dem if errors.shift_m == (0.0, 0.0) else _moved(dem, errors.shift_m)
+    copy = satellite_copy(moved, rng=rng, cell_m=cell_m, sigma_m=errors.sigma_m)
+    if errors.is_white:
+        return copy
+    elevation = copy.elevation + _common(copy, errors) + _correlated(copy, errors, correlated_rng or rng)
+    return replace(copy, elevation=elevation)
+
+
+def _moved(dem: Dem, shift_m: tuple[float, float]) -> Dem:
+    """Return the terrain displaced to the east and to the north; unknown cells stay unknown."""
+    east, north = shift_m
+    by = (-north / dem.step_m, east / dem.step_m)
+    known = np.isfinite(dem.elevation)
+    filled = np.where(known, dem.elevation, np.nanmean(dem.elevation))
+    moved = shifted_array(filled, by, order=1, mode="nearest")
+    return replace(dem, elevation=np.where(known, moved, np.nan))
+
+
+def _common(copy: Dem, errors: ProductErrors) -> FloatArray:
+    x, y = np.meshgrid(copy.x - copy.x.mean(), copy.y - copy.y.mean())
+    east, north = errors.tilt_m_per_km
+    total: FloatArray = errors.offset_m + 1e-3 * (east * x + north * y)
+    return total
+
+
+def _correlated(copy: Dem, errors: ProductErrors, rng: np.random.Generator) -> FloatArray:
+    if errors.correlated_sigma_m == 0.0:
+        return np.zeros(copy.shape)
+    if copy.elevation.size > _MOST_CELLS:
+        raise InputError(
+            f"the satellite has {copy.elevation.size} cells, and correlated errors are drawn for at most {_MOST_CELLS}; "
+            "set coarser cells."
+        )
+    factor = np.linalg.cholesky(
+        correlation(copy.xy, errors.correlation_m) + 1e-9 * np.eye(copy.elevation.size)
+    )
+    drawn: FloatArray = errors.correlated_sigma_m * (factor @ rng.standard_normal(copy.elevation.size))
+    return drawn.reshape(copy.shape)
+
+
+_LEAST_CELLS = 5
+
+
+def smooth_interpolation(coarse: Dem, grid: Grid) -> Dem:
+    r"""Return the smooth surface whose mean over each coarse cell is that cell's value.
+
+    Along each axis a quartic spline F runs through the heights summed up to each cell edge;
+    its derivative is a cubic spline f with continuous second derivative and
+
+    .. math::  \frac{1}{d} \int_{x_i}^{x_i + d} f(x) \, dx = \frac{F(x_i + d) - F(x_i)}{d} = z_i .
+
+    The surface is the product of both axes. It rises above the highest cell and falls below
+    the lowest one, as the terrain does whose means they are.
+
+    Parameters
+    ----------
+    coarse : Dem
+        Cell means [m], without nodata; a margin of two or more cells around the grid keeps the
+        free ends of the splines away from it.
+    grid : Grid
+        Where the surface is wanted, within the cells' outer edges.
+
+    Returns
+    -------
+    Dem
+        On the grid, with the coarse cells' vertical datum.
+
+    Raises
+    ------
+    InputError
+        Nodata among the cells, fewer than 5 × 5 of them, another CRS, a grid that reaches
+        beyond them.
+
+    Notes
+    -----
+    A step in the terrain makes the surface swing beside it (Gibbs). What is smaller than a
+    cell cannot come back.
+
+    Examples
+    --------
+    >>> x, y = np.meshgrid(np.arange(6.0), np.arange(5.0))
+    >>> coarse = Dem.on(Grid((0.0, 0.0, 5.0, 4.0), 1.0), x + 2.0 * y)
+    >>> smooth_interpolation(coarse, Grid((1.0, 1.0, 2.0, 2.0), 0.5)).elevation[0]
+    array([5. , 5.5, 6. ])
+    """
+    same_crs(coarse.crs, grid.crs, "the coarse cells and the grid")
+    _check_cells(coarse, grid)
+    left, _, _, top = coarse.bounds
+    along_x = _mean_preserving(coarse.elevation.T, coarse.step_m, grid.x - left).T
+    return Dem.on(grid, _mean_preserving(along_x, coarse.step_m, top - grid.y), coarse.vertical_datum)
+
+
+def _mean_preserving(cells: FloatArray, width_m: float, places_m: FloatArray) -> FloatArray:
+    """Evaluate the mean-preserving spline of each column of cells at distances from the first edge."""
+    # Distances in cells and sums about the first cell keep the arithmetic near 1.
+    base = cells[:1]
+    edges = np.arange(len(cells) + 1.0)
+    sums = np.vstack([np.zeros_like(base), np.cumsum(cells - base, axis=0)])
+    values: FloatArray = make_interp_spline(edges, sums, k=4).derivative()(places_m / width_m)
+    return values + base
+
+
+def _check_cells(coarse: Dem, grid: Grid) -> None:
+    n_empty = int(np.isnan(coarse.elevation).sum())
+    if n_empty:
+        raise InputError(
+            f"{n_empty} of the coarse cells hold no height; choose a window without nodata or fill them first."
+        )
+    if min(coarse.shape) < _LEAST_CELLS:
+        raise InputError(
+            f"there are {coarse.shape[0]} × {coarse.shape[1]} coarse cells; at least {_LEAST_CELLS} × {_LEAST_CELLS} are needed."
+        )
+    inner, outer, slack = grid.bounds, coarse.bounds, 1e-6 * coarse.step_m
+    if any(i < o - slack for i, o in zip(inner[:2], outer[:2], strict=True)) or any(
+        i > o + slack for i, o in zip(inner[2:], outer[2:], strict=True)
+    ):
+        raise InputError(
+            f"the grid {inner} reaches beyond the coarse cells {tuple(round(o, 2) for o in outer)}; widen the window of cells."
+        )

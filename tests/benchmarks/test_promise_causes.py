@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from benchmarks.promise_on_real_ground.causes import Cause, _log_actual, _log_predicted, cause_rows
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
 from survey import Dem, Grid
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.kernel_search import Cell
 
 
 def test_the_roughness_of_a_parabola_is_twice_its_squared_lag():

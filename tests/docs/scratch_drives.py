@@ -18,8 +18,8 @@ import numpy as np
 from PIL import Image as Picture
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 from tests.vision_slam.calibration import rendered
 from tests.vision_slam.conftest import PlaneWorld, mounted
 from tests.vision_slam.io.photos.test_photo_folder import exif_of, position

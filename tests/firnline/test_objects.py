@@ -17,7 +17,7 @@ from pydantic import BaseModel
 import firnline
 from survey.core.errors import FirnlineError
 from survey.reconstruction.gp.mean import DemMean
-from survey.reconstruction.joint.correction import PathCorrection
+from survey.reconstruction.joint.drives import PathCorrection
 from survey.reconstruction.method import MappedTerrain, MappingTask, ScanSettings
 from survey.reconstruction.registry import METHODS
 from survey.terrain import cosine_surface

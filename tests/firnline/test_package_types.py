@@ -30,9 +30,9 @@ from planners import (
     SteeringState,
     drivable,
 )
-from planners.driving.rover import Crew
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior
-from planners.guarantee.prediction import MapPrediction
+from planners.guarantee.error_distribution import MapPrediction
+from planners.guarantee.kernel_posterior import KernelPosterior
+from planners.routes.rover import Crew
 from survey.data.sensors.payload import Quantity
 from survey.reconstruction import (
     ConstantMean,
@@ -41,7 +41,7 @@ from survey.reconstruction import (
     GaussianProcessTerrain,
     VelocityRasters,
 )
-from survey.reconstruction.gp.covariance.kernels import Matern32
+from survey.reconstruction.gp.kernels import Matern32
 from survey.reporting import (
     FleetResults,
     HazardResults,

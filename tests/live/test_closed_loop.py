@@ -8,17 +8,16 @@ import pytest
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.link.address import LinkAddress
-from live.link.vehicle import Vehicle
-from live.mission.autopilot_mission import AutopilotMission
-from live.mission.upload import upload
+from live.link import LinkAddress, Vehicle
+from live.mission.items import AutopilotMission
+from live.mission.vehicle_mission import upload
 from live.watch.log import entered, heading_of, legs_as_lists, line_of, replayed
+from live.watch.samples import TelemetryReader, buffered_entries, telemetry_entries
 from live.watch.survey_watch import SurveyWatch
-from live.watch.telemetry import TelemetryReader, buffered_entries, telemetry_entries
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig
 from survey import Dem, Grid, Route, SurveyArea
-from survey.data.legs import Leg
-from survey.interchange.surroundings import Surroundings
+from survey.data.route import Leg
+from survey.interchange.missions import Surroundings
 
 CRS, WEST, SOUTH, SIDE_M = "EPSG:32608", 526_000.0, 6_478_000.0, 100.0
 AREA = SurveyArea.rectangle((WEST, SOUTH, WEST + SIDE_M, SOUTH + SIDE_M), CRS)

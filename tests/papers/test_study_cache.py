@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from benchmarks.kill_points import kill_points
-from papers.study_cache import is_complete, replacing_study
+from papers.studies import is_complete, replacing_study
 from survey.core.errors import InputError
 
 

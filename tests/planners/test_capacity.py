@@ -25,7 +25,7 @@ from planners.capacity import MOST_LINES
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
 from survey import CapacityError, Dem, SurveyArea
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

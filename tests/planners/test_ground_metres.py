@@ -4,10 +4,10 @@ import pytest
 import shapely
 
 from planners import LawnmowerConfig, Rover, WavyConfig, drivable, plan
-from planners.driving.rover import Crew, crew_in_grid_metres
-from planners.ground_metres import in_grid_metres, settings_factor
+from planners.config import in_grid_metres, settings_factor
+from planners.routes.rover import Crew, crew_in_grid_metres
 from survey import Dem, Grid, SurveyArea
-from survey.core.crs.transformation import transformed
+from survey.core.transformation import transformed
 
 UTM = "EPSG:32633"
 SITE = shapely.box(500_000.0, 8_700_000.0, 500_600.0, 8_700_400.0)  # at 78.4° north

@@ -17,7 +17,7 @@ from planners import (
     plan,
 )
 from survey import Dem, Grid, Route, SurveyArea
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

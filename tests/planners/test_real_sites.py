@@ -9,17 +9,17 @@ import shapely
 from pyproj import CRS
 from shapely import LineString
 
-from planners.driving.fleet import share
-from planners.driving.ordering import connect
-from planners.ground.transit import FreeGround
-from planners.ground.traversability import RoverLimits, drivable
+from planners.routes.fleet import share
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import connect
+from planners.routes.traversability import RoverLimits, drivable
 from planners.swaths.decomposition import swaths_on, unswept
 from planners.swaths.heading import heading_by
-from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
+from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.io.vector import read_features
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))

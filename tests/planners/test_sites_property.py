@@ -20,17 +20,17 @@ from hypothesis import strategies as st
 from shapely import LineString, affinity
 
 from planners import LawnmowerConfig, Rover, plan
-from planners.driving.energy import Mobility, predicted
-from planners.driving.fleet import share
-from planners.driving.ordering import connect
-from planners.ground.transit import MARGIN_M, FreeGround
+from planners.routes.fleet import share
+from planners.routes.rover import Mobility, predicted
+from planners.routes.shortest_paths import MARGIN_M, FreeGround
+from planners.routes.tours import connect
 from planners.swaths.decomposition import swaths_on, unswept
-from planners.swaths.swaths import axes_of
+from planners.swaths.reference_lines import axes_of
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 _spec = importlib.util.spec_from_file_location("random_sites", Path(__file__).parent / "random_sites.py")
 assert _spec is not None

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from benchmarks.small_inputs import IDEAL_MISSION
 from firnline.cli.main import app
-from survey.core.runs.store import STAGES
+from survey.core.run_folder import STAGES
 
 
 @contextmanager

@@ -17,8 +17,7 @@ from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
 from benchmarks.whole_glacier.kills import workers_of
 from firnline.cli.main import app
-from sim.montecarlo.blocks import blocks_of
-from sim.montecarlo.config import read_study
+from sim.montecarlo.config import blocks_of, read_study
 from sim.montecarlo.study import run_study
 from sim.montecarlo.trials import survey_block
 from survey.core.executors import run_on_dask

@@ -17,7 +17,7 @@ from survey import Dem, SurveyArea
 from survey.core.errors import FirnlineError
 from survey.data.surface_points import SurfacePoints
 from survey.io.raster import band_count, raster_facts
-from survey.io.tracks import read_track
+from survey.io.trajectory_files import read_track
 from survey.scoring.blocks import score_files
 from tests.reliability.bait.places import UTM, Places, laid
 from tests.reliability.bait.rasters import RASTERS, tif, wms
@@ -150,7 +150,7 @@ _TRANSFORMED = """
 import numpy as np
 import rasterio.warp
 from pyproj import CRS
-from survey.core.crs.transformation import transformed
+from survey.core.transformation import transformed
 
 transformed(np.array([[-100.0, 40.0]]), "EPSG:4267", CRS("EPSG:32614"), "the test")
 rasterio.warp.transform("EPSG:4267", "EPSG:32614", [-100.0], [40.0])

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.fork_server import ForkServer
 from benchmarks.small_inputs import MISSION
-from survey.core.runs.store import STAGES
+from survey.core.run_folder import STAGES
 
 
 @pytest.fixture

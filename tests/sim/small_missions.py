@@ -2,7 +2,7 @@
 
 from planners import LawnmowerConfig
 from sim.config.mission import AidsConfig, MissionConfig
-from sim.config.terrain import RandomTerrain
+from sim.config.world import RandomTerrain
 
 
 def mission_with(**aids: object) -> MissionConfig:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera import Camera
+from survey.data.frames import Image
 
 PITCH_DEG = 25.0
 

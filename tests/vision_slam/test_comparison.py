@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.errors import InputError
 from survey.data.trajectory import Trajectory
-from vision_slam.comparison import compare_from_start, compare_in_crs
-from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.drive_estimate import DriveEstimate, compare_from_start, compare_in_crs
 
 UTM = "EPSG:32608"
 

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.comparison import compare_from_start
-from vision_slam.drive_estimate import DriveEstimate
+from survey.data.sensors.odometry import Odometry, Sightings
+from vision_slam.attitude import rotations
+from vision_slam.drive_estimate import DriveEstimate, compare_from_start
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.rotation import rotations
 
 
 def test_stretches_that_are_lost_have_no_length() -> None:

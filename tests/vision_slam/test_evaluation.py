@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.io.pose_files import read_kitti, read_tum
-from vision_slam.alignment import alignment
-from vision_slam.evaluation import absolute_errors_m, match_times, relative_errors
+from survey.io.trajectory_files import read_kitti, read_tum
+from vision_slam.evaluation import absolute_errors_m, alignment, match_times, relative_errors
 
 # evo 1.38 (a GPL tool, not installed with the project) printed these for the same files; its
 # own arithmetic is double precision, so 1e-6 m leaves only the order of summation.

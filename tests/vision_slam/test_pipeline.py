@@ -11,22 +11,21 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from tests.vision_slam.conftest import PlaneWorld
 from vision_slam import LocalizationConfig, localize
-from vision_slam.agreement.drive import align_heading
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.io.readers import read_sequence
+from vision_slam.agreement.steps import align_heading
+from vision_slam.attitude import rotations
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import measure_motion
+from vision_slam.readers.folders import read_sequence
 from vision_slam.recordings import open_recording
-from vision_slam.rotation import rotations
 
 UTM = "EPSG:32608"
 STEP_M, N = 0.5, 48

@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.aiding import Wheels
+from survey.data.camera import Camera
+from survey.data.sensors.records import Wheels
 from survey.data.trajectory import Trajectory
 from vision_slam.recorded_drive import RecordedDrive
 from vision_slam.recordings import open_recording
-from vision_slam.results import pictures_of, write_localization, write_pictures
-from vision_slam.viewer import refuse_without_rerun, write_rrd
+from vision_slam.results import (
+    pictures_of,
+    refuse_without_rerun,
+    write_localization,
+    write_pictures,
+    write_rrd,
+)
 
 UTM = "EPSG:32608"
 STEP_M, N = 0.5, 48

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vision_slam.rotation import chained, quaternion_products
+from vision_slam.attitude import chained, quaternion_products
 
 
 def test_products_are_those_of_rotations() -> None:

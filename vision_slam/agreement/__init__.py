@@ -1,4 +1,4 @@
-"""Agreement of odometry and fixes: checks of start and clocks, fits of assumed errors, and what resolves a contradiction.
+"""Agreement of odometry and fixes: checks of start, clocks, scale and tilt, and fits of assumed errors.
 
-Filter and smoother are those of `vision_slam.fusion`.
+`vision_slam.agreement.steps` holds the steps of the pipeline. Filter and smoother are those of `vision_slam.fusion`.
 """

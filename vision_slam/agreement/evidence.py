@@ -1,15 +1,26 @@
-"""Fits of assumed errors by the evidence of the smoother (type-II maximum likelihood)."""
+"""Fits of assumed errors by the evidence of the smoother (empirical Bayes, type-II maximum likelihood).
+
+`fitted_errors` raises the errors of the odometry level by level while the log evidence grows; `fitted_memory_s` and
+`fitted_turn_sigma_m` fit the correlation time of the fixes and the errors of turns. `reconcile` applies them where odometry
+and fixes disagree beyond both claims, and chooses the fixes to use. `is_worse_than_fixes` tests by cross-validation whether
+odometry predicts fixes worse than their neighbours do; `along_fixes` then replaces it by lines between the fixes.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import OdometryRecording
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.smoother import log_evidence, node_spacing_m
-from vision_slam.inertial.gyro import GyroErrors
+from vision_slam.fusion.error_terms import stated_errors
+from vision_slam.fusion.online import OnlinePath, select_fixes
+from vision_slam.fusion.smoother import log_evidence, node_spacing_m, smooth
+from vision_slam.motion import GyroErrors
 
 # Errors that are tried, by setting, from the assumed ones upwards.
 _LEVELS: dict[str, tuple[float, ...]] = {
@@ -182,3 +193,281 @@ def _with_level(
             max(_WANDER_M, best.scale_wander_m) if is_wider else assumed.scale_wander_m
         )
     return best.model_copy(update=changed)
+
+
+# Refused fixes at the end of a drive that count as a contradiction.
+_LEAST_RUN = 1
+# Log prior of a receiver that jumps: how seldom, and over how many metres.
+_JUMPS = -15.0
+# Correlation times of the receiver that explain a disagreement as well, over the assumed one.
+_FASTER = (0.5, 0.25, 0.125, 0.0625)
+# Squared Mahalanobis distance of a refused fix that agrees after all (χ² of two dimensions, 99 %).
+_GATE = 9.21
+# Least variance of a difference in any direction, as a share of the sum of both.
+_LEAST_SHARE = 1e-12
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Errors of the odometry with which it agrees with the fixes, and the fixes to use.
+
+    ``config`` with the errors, ``used`` (M,) whether each fix is used, ``gain`` the log
+    likelihood that the wider errors gain over the assumed ones, 0 where those stay.
+    """
+
+    config: LocalizationConfig
+    used: BoolArray
+    gain: float = 0.0
+
+    @property
+    def note(self) -> str:
+        """One sentence on the disagreement and the errors that resolve it."""
+        errors = self.config
+        return (
+            f"odometry and fixes disagree beyond their assumed errors (a log likelihood of {self.gain:.0f}); the odometry "
+            f"was given errors of {100.0 * errors.scale_wander_sigma:.0f} % in scale, "
+            f"{errors.heading_walk_deg_sqrt_m:g} deg/√m in heading and {errors.step_sigma_m:g} m/√m in its steps: check focal "
+            "length, lens distortion, order of the images and times"
+        )
+
+
+def reconcile(
+    recording: OdometryRecording, path: FloatArray, config: LocalizationConfig, online: OnlinePath
+) -> Agreement:
+    r"""Fit the errors of the odometry to the fixes, where the assumed ones contradict them.
+
+    Scale, heading and steps are given larger errors, level by level, as long as the evidence of
+    the smoother grows (type-II maximum likelihood). Fixes that the filter refused and that agree
+    again later are errors of the receiver and are left out, unless they are most of all. Fixes that are
+    refused to the end of the drive are either a jump of the receiver or an error of the odometry: the jump is the
+    evidence with these fixes moved back by a constant offset, times the prior probability of a
+    jump. Without a refusal at the end, wider errors must gain a log likelihood of 10.
+
+    Parameters
+    ----------
+    recording : OdometryRecording
+        Odometry and fixes.
+    path : (N, 3) ndarray
+        Dead-reckoned positions [m].
+    config : LocalizationConfig
+        Errors assumed of the sensors.
+    online : OnlinePath
+        Result of the filter with these errors.
+
+    Returns
+    -------
+    Agreement
+        The assumed errors and the accepted fixes where nothing contradicts them.
+    """
+    tail = _refused_tail(recording, online)
+    used = online.accepted | tail
+    if used.sum() < recording.gps.LEAST:
+        return Agreement(config, online.accepted)
+    chosen = EvidenceComparison(select_fixes(recording, used), path)
+    wider, gain = fitted_errors(chosen, config)
+    least = max(CONVINCING, MISFIT * int(used.sum()))
+    if not tail.any() and gain < least:
+        return Agreement(config, used)
+    if chosen.evidence(wider, like=wider) < _of_faster_receiver(chosen, config, like=wider):
+        return Agreement(config, used)
+    back = _jumped_back(recording, path, config, online.accepted, tail)
+    if back is not None:
+        jumped = EvidenceComparison(back, path).evidence(config, like=wider) + _JUMPS
+        if jumped > chosen.evidence(wider, like=wider):
+            return Agreement(config, online.accepted)
+    return Agreement(wider, _readmitted(recording, path, wider, used), gain)
+
+
+def _of_faster_receiver(
+    chosen: EvidenceComparison, config: LocalizationConfig, like: LocalizationConfig
+) -> float:
+    """Return the largest evidence of the assumed odometry with a receiver whose errors vary faster than assumed.
+
+    Fixes that vary faster contradict good odometry too. The assumed correlation time remains in use then: one
+    that is too long costs little.
+    """
+    faster = [share * config.gps_correlation_time_s for share in _FASTER]
+    trials = [config.model_copy(update={"gps_correlation_time_s": memory_s}) for memory_s in faster]
+    return max(chosen.evidence(trial, like=like) for trial in trials)
+
+
+def _refused_tail(recording: OdometryRecording, online: OnlinePath) -> BoolArray:
+    """Return which fixes were refused at the end of the path, or at its start, without one accepted beyond.
+
+    Where more fixes were refused than accepted in between, these are all that were refused: so many are no
+    errors of the receiver alone.
+    """
+    time_s, path_s = recording.gps.time_s, recording.odometry.time_s
+    inside = np.flatnonzero((time_s >= path_s[0]) & (time_s <= path_s[-1]))
+    tail = np.zeros(len(time_s), dtype=np.bool_)
+    accepted = np.flatnonzero(online.accepted[inside])
+    if len(accepted) == 0 or accepted[-1] - accepted[0] + 1 > 2 * len(accepted):
+        tail[inside] = ~online.accepted[inside]
+        return tail
+    for run in (inside[: accepted[0]], inside[accepted[-1] + 1 :]):
+        if len(run) >= _LEAST_RUN:
+            tail[run] = True
+    return tail
+
+
+def _jumped_back(
+    recording: OdometryRecording,
+    path: FloatArray,
+    config: LocalizationConfig,
+    accepted: BoolArray,
+    tail: BoolArray,
+) -> OdometryRecording | None:
+    """Return the recording as if the receiver had jumped by a constant offset before the refused fixes."""
+    if not tail.any() or accepted.sum() < recording.gps.LEAST:
+        return None
+    smoothed = smooth(select_fixes(recording, accepted), path, config).position
+    gps = recording.gps
+    there = np.column_stack([np.interp(gps.time_s, recording.odometry.time_s, axis) for axis in smoothed.T])
+    offset = np.median((gps.position - there)[tail], axis=0)
+    moved = replace(gps, position=gps.position - tail[:, None] * offset)
+    return select_fixes(replace(recording, gps=moved), accepted | tail)
+
+
+def _readmitted(
+    recording: OdometryRecording, path: FloatArray, config: LocalizationConfig, used: BoolArray
+) -> BoolArray:
+    """Return the used fixes and those refused ones that agree with the path and its errors after all."""
+    gps, odometry = recording.gps, recording.odometry
+    smoothed = smooth(select_fixes(recording, used), path, config)
+    at = np.column_stack([np.interp(gps.time_s, odometry.time_s, axis) for axis in smoothed.position.T])
+    nearest = np.searchsorted(0.5 * (odometry.time_s[1:] + odometry.time_s[:-1]), gps.time_s)
+    variance = (config.gps_bias_sigma_m**2 + config.gps_white_sigma_m**2) * stated_errors(gps, config) ** 2
+    own = variance[:, None, None] * np.eye(2)
+    off = (gps.position - at)[:, :2]
+    spread = smoothed.covariance[nearest, :2, :2] + own
+    squared = _squared_distance(off, spread)
+    inside = (gps.time_s >= odometry.time_s[0]) & (gps.time_s <= odometry.time_s[-1])
+    readmitted: BoolArray = used | (inside & (squared < _GATE))
+    return readmitted
+
+
+def _squared_distance(off: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return squared Mahalanobis distances (N,) of differences (N, 2) with covariances (N, 2, 2), singular ones too.
+
+    A covariance that fixes thousands of kilometres away have widened may be singular to its last digit: its shorter axis
+    is at least a millionth of the longer one.
+    """
+    least = _LEAST_SHARE * np.trace(spread, axis1=1, axis2=2)
+    solved = np.linalg.solve(spread + least[:, None, None] * np.eye(2), off[:, :, None])
+    squared: FloatArray = np.einsum("ni,ni->n", off, solved[:, :, 0])
+    return squared
+
+
+_LEAST_FIXES_ALONE = 5
+_STEP_SIGMA_M = 0.3  # error of straight lines between fixes, per square root of a metre [m]
+# Columns of the errors of fixes that were left out.
+_PATH, _FIXES = slice(1, 3), slice(3, 5)
+
+
+def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> bool:
+    """Test by cross-validation whether the smoothed path predicts fixes worse than their neighbours do.
+
+    Every second fix is left out and predicted by the path smoothed with the others, and by linear
+    interpolation between the others; then the same with the other half. The first fix and the last are predicted by
+    the path beyond the others, and by the mean velocity of the nearest others. In a turn such a velocity is a bad
+    prediction, which excuses no path that is worse between fixes: these are compared alone too. The path does not follow
+    the slow error of the receiver, which neighbours share: what successive errors by the path have in common does not
+    count, up to the assumed variance of that error.
+
+    Parameters
+    ----------
+    recording : OdometryRecording
+        Odometry and fixes.
+    path : (N, 3) ndarray
+        Dead-reckoned positions [m].
+    config : LocalizationConfig
+        Errors assumed of the sensors.
+
+    Returns
+    -------
+    bool
+        Whether the other squared horizontal errors by the path sum to more, with the first fix and the last or
+        without; False for fewer than five fixes.
+    """
+    time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
+    gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
+    if len(gps) < _LEAST_FIXES_ALONE:
+        return False
+    halves = [_held_out(replace(recording, gps=gps), path, config, first) for first in (0, 1)]
+    between = [half[(half[:, 0] > 0) & (half[:, 0] < len(gps) - 1)] for half in halves]
+    return any(_has_larger_sum(errors, config) for errors in (between, halves))
+
+
+def _held_out(
+    recording: OdometryRecording, path: FloatArray, config: LocalizationConfig, first: int
+) -> FloatArray:
+    """Return the number of every second fix from the first, and its errors by the path and by its neighbours (M, 5)."""
+    gps, poses_s = recording.gps, recording.odometry.time_s
+    held = np.zeros(len(gps), dtype=np.bool_)
+    held[first::2] = True
+    others = gps.select(~held)
+    smoothed = smooth(replace(recording, gps=others), path, config).position
+    by_path = _prediction_errors(gps, held, poses_s, smoothed)
+    by_fixes = _prediction_errors(gps, held, gps.time_s, _extended(gps.time_s, others))
+    return np.column_stack([np.flatnonzero(held), by_path, by_fixes])
+
+
+def _has_larger_sum(halves: list[FloatArray], config: LocalizationConfig) -> bool:
+    """Test whether squared errors by the path, without what successive ones have in common, exceed those by fixes."""
+    by_path, by_fixes = (
+        sum(float((half[:, part] ** 2).sum()) for half in halves) for part in (_PATH, _FIXES)
+    )
+    common = sum(float((half[1:, _PATH] * half[:-1, _PATH]).sum()) for half in halves)
+    slow = sum(half[:, _PATH].size * config.gps_bias_sigma_m**2 for half in halves)
+    return by_path - min(max(common, 0.0), slow) > by_fixes
+
+
+def along_fixes(
+    recording: OdometryRecording, config: LocalizationConfig
+) -> tuple[OdometryRecording, LocalizationConfig]:
+    """Replace the odometry by straight lines between the fixes, with the errors of such lines.
+
+    Roll and pitch stay; the heading is that of the lines.
+
+    Parameters
+    ----------
+    recording : OdometryRecording
+        Odometry and fixes.
+    config : LocalizationConfig
+        Errors assumed of the sensors.
+
+    Returns
+    -------
+    recording : OdometryRecording
+        Its path goes through the fixes.
+    config : LocalizationConfig
+        With the errors of straight lines between fixes.
+    """
+    odometry, gps = recording.odometry, recording.gps
+    level = _extended(odometry.time_s, gps) - [0.0, 0.0, recording.antenna_height_m]
+    steps = np.diff(level, axis=0)
+    attitude = odometry.attitude_rad.copy()
+    attitude[:-1, 2] = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    attitude[-1, 2] = attitude[-2, 2]
+    own = np.einsum("nji,nj->ni", rotations(attitude[:-1]), steps)
+    straight = Odometry(odometry.time_s, own, attitude)
+    errors = config.model_copy(update={"step_sigma_m": _STEP_SIGMA_M, "start": "unknown"})
+    return replace(recording, odometry=straight, start=level[0]), errors
+
+
+def _extended(time_s: FloatArray, gps: GpsFixes) -> FloatArray:
+    """Interpolate fixes; before the first and after the last go on at the mean velocity of a second or more."""
+    place = np.column_stack([np.interp(time_s, gps.time_s, axis) for axis in gps.position.T])
+    for end, other in ((0, min(2, len(gps) - 1)), (-1, max(-3, -len(gps)))):
+        velocity = (gps.position[end] - gps.position[other]) / (gps.time_s[end] - gps.time_s[other])
+        beyond_s = time_s - gps.time_s[end]
+        is_beyond = beyond_s < 0.0 if end == 0 else beyond_s > 0.0
+        place[is_beyond] += beyond_s[is_beyond, None] * velocity
+    return place
+
+
+def _prediction_errors(gps: GpsFixes, held: BoolArray, time_s: FloatArray, place: FloatArray) -> FloatArray:
+    """Return the horizontal differences (M, 2) of the held-out fixes from a path [m]."""
+    at = np.column_stack([np.interp(gps.time_s[held], time_s, axis) for axis in place[:, :2].T])
+    errors: FloatArray = gps.position[held, :2] - at
+    return errors

@@ -8,8 +8,8 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import log_evidence
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
-from survey.data.camera.frames import Image
+from survey.data.frames import Image
 
 _SEARCHED_PX = 1600  # chessboards are searched in images of this width, and refined in the full ones
 _LEAST_CORNERS = 8

@@ -1,4 +1,5 @@
-"""Fusion of odometry with absolute measurements: particle filter online, smoother afterwards.
+"""Fusion of odometry with absolute measurements: particle filter online, batch smoother afterwards.
 
-Odometry and the recognition of places supply its inputs from folders of their own.
+`filter_path` and `smooth` take a recording with odometry. Odometry and loop closures are those of `vision_slam.odometry` and
+`vision_slam.places`.
 """

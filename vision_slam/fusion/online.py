@@ -9,14 +9,17 @@ from survey.core.streams import stream
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
+from vision_slam.attitude import quaternions, rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.error_terms import compass_offset
-from vision_slam.fusion.hypotheses import GyroTurn
-from vision_slam.fusion.nodes import signed_travel
-from vision_slam.fusion.particle_filter import ParticleFilter
-from vision_slam.fusion.receiver.base_station import differenced_fixes, differenced_heights, stated_errors
-from vision_slam.inertial.gyro import GyroErrors, gyro_residual_rad
-from vision_slam.rotation import quaternions, rotations
+from vision_slam.fusion.error_terms import (
+    compass_offset,
+    differenced_fixes,
+    differenced_heights,
+    signed_travel,
+    stated_errors,
+)
+from vision_slam.fusion.particle_filter import GyroTurn, ParticleFilter
+from vision_slam.motion import GyroErrors, gyro_residual_rad
 
 _SET_OFF_M = 5.0
 _HALF_S = 0.25  # to either side, over which the velocity is taken

@@ -1,11 +1,11 @@
-r"""Batch smoother: sparse least squares for the slowly varying errors of the odometry.
+"""Batch smoother: sparse least squares for the slowly varying errors of the odometry.
 
 At nodes k along the path the unknowns are the errors (estimated minus real) of position
 e, yaw ψ, of its slow part η, pitch θ, roll φ and scale s, the GPS bias b, the barometer's
 drift c and the gyro's bias β; the constant parts of pitch, roll and scale, the wheels' scale
 ω and skidding χ, the accelerometer's bias a and the barometer's datum c₀ are common to all, and so is
-the delay τ of the fixes where their clock is not known to be that of the odometry.
-With L the travel between nodes, t the time, and (u, v) = how the step answers to yaw and
+the delay τ of the fixes where their clock may differ from that of the odometry.
+With L the travel between nodes, t the time, and (u, v) the derivatives of the step by yaw and
 pitch:
 
     e_{k+1} − e_k  = ψ̄ u + θ̄ v + s̄ d + w,           w ~ N(0, q² L + q_t² |Δψ|)
@@ -28,6 +28,9 @@ reading counts twice. All noise is Gaussian, and all equations are linear but fo
 the steps, which is linearized again until the heading converges: a sparse least-squares solve
 gives the posterior. The full information matrix is returned with the path, so that maps can use
 its correlations.
+
+`delay_moments` is the posterior of the delay under a mixture prior of one clock or two. `place_landmarks` transforms
+sightings in the body frame to surface points in the world, with the covariance of sighting and path.
 """
 
 import logging
@@ -39,18 +42,31 @@ from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_rows import motion_rows
-from survey.data.path_error import POSE, PathError
+from survey.data.ice_motion import IceMotion
+from survey.data.landmarks import most_informative
+from survey.data.path_error import POSE, PathError, motion_rows
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
+from survey.data.surface_points import SurfacePoints
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
-from vision_slam.fusion.error_terms import add_terms
-from vision_slam.fusion.nodes import Nodes
-from vision_slam.fusion.normal_equations import DELAY, PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
-from vision_slam.fusion.pose_constraints import PoseConstraints, gate_constraints, pose_constraints
-from vision_slam.fusion.receiver.clock_offset import delay_moments
+from vision_slam.fusion.error_terms import Nodes, add_terms
+from vision_slam.fusion.normal_equations import (
+    DELAY,
+    PER_NODE,
+    PITCH,
+    ROLL,
+    YAW,
+    BlockTridiagonal,
+    E,
+    NormalEquations,
+)
+from vision_slam.fusion.pose_constraints import (
+    PoseConstraints,
+    gate_constraints,
+    pose_constraints,
+    pose_jacobian,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -306,13 +322,144 @@ def _corrected(
         attitude,
         between.reshape(-1, POSE, POSE),
         path_error,
-        ice_motion=_moved(recording.ice_motion, posterior.estimate, path_error),
+        ice_motion=_moved_poses(recording.ice_motion, posterior.estimate, path_error),
     )
 
 
-def _moved(motion: IceMotion | None, estimate: FloatArray, error: PathError) -> IceMotion | None:
+def _moved_poses(motion: IceMotion | None, estimate: FloatArray, error: PathError) -> IceMotion | None:
     """Return the motion of the ice after all sensors."""
     if motion is None:
         return None
     behind = motion_rows(error, motion.n_unknowns)
     return motion.updated(behind @ estimate, error.covariance(behind))
+
+
+_ONE_CLOCK = 0.35  # prior probability that the clocks agree
+_AGREE_S = 2e-3  # error of clocks that agree
+_DOUBTFUL = 0.01  # posterior probability that they agree above which a delay is not corrected
+_BEYOND = 2.5  # standard deviations of the prior, beyond which errors of the odometry pass for a delay
+
+
+def delay_moments(delay_s: float, delay_sigma_s: float, clock_sigma_s: float) -> tuple[float, float]:
+    r"""Return the mean and the standard deviation of a delay under a mixture prior.
+
+    Most recordings have one clock, and some have two. With the prior
+
+    .. math:: p(τ) = 0.35 N(τ; 0, 2\ \mathrm{ms}) + 0.65 N(τ; 0, σ)
+
+    and a likelihood of τ that is normal, the posterior is a mixture of two normal distributions. Where the
+    clocks agree with a posterior probability of more than 0.01, the delay is not corrected: its mean is 0,
+    and its standard deviation the root of the second moment. A delay beyond 2.5 σ is none: an odometry that
+    contradicts the fixes passes for one, and the prior is left as it is.
+
+    Parameters
+    ----------
+    delay_s, delay_sigma_s : float
+        Mean and standard deviation of the delay under the second part of the prior alone [s].
+    clock_sigma_s : float
+        Its standard deviation σ [s].
+
+    Returns
+    -------
+    mean_s, sigma_s : float
+        Mean and standard deviation of the delay [s].
+
+    Examples
+    --------
+    Where the records say nothing, the variance is 0.65 of that of the second part:
+
+    >>> mean_s, sigma_s = delay_moments(0.0, 0.4, 0.4)
+    >>> round(mean_s, 3), round(sigma_s, 3)
+    (0.0, 0.322)
+
+    A delay that is well determined stays as it is:
+
+    >>> mean_s, sigma_s = delay_moments(0.5, 0.02, 0.4)
+    >>> round(mean_s, 3), round(sigma_s, 3)
+    (0.5, 0.02)
+    """
+    information = max(delay_sigma_s**-2.0 - clock_sigma_s**-2.0, 1e-9)
+    likely_s = delay_s * delay_sigma_s**-2.0 / information
+    priors = np.array([_AGREE_S, clock_sigma_s]) ** 2
+    spread = priors + 1.0 / information
+    log_weight = np.log([_ONE_CLOCK, 1.0 - _ONE_CLOCK]) - 0.5 * (np.log(spread) + likely_s**2 / spread)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    means, variances = likely_s * priors / spread, priors / information / spread
+    if abs(likely_s) > _BEYOND * clock_sigma_s and information > clock_sigma_s**-2.0:
+        return 0.0, float(np.sqrt((1.0 - _ONE_CLOCK) * clock_sigma_s**2))
+    second_moment = float(weight @ (variances + means**2))
+    mean_s = 0.0 if weight[0] > _DOUBTFUL else float(weight @ means)
+    return mean_s, float(np.sqrt(second_moment - mean_s**2))
+
+
+def place_landmarks(
+    recording: OdometryRecording, path: SmoothedPath, config: LocalizationConfig
+) -> SurfacePoints:
+    """Place the landmarks that pass the gates, with the covariance of sighting and path.
+
+    With R the attitude and o the offset in the body frame, the landmark is p + R o and
+    its covariance R C Rᵀ + J P Jᵀ, J = [I, ∂(R o)/∂ψ, ∂(R o)/∂θ, ∂(R o)/∂φ]. The first
+    part is independent; the second is shared with its neighbours through the keyframe of
+    each point.
+
+    The gates are those of the glacier paper; thinned by information, landmarks of any range
+    pass, and those are selected that lower the variance of a map about the path the most.
+
+    Raises
+    ------
+    InputError
+        When no landmark passes the gates.
+    """
+    sightings = recording.sightings
+    ellipsoid_m = np.sqrt(np.linalg.eigvalsh(sightings.covariance)[:, -1])
+    by_range = config.landmark_thinning == "range"
+    least_range_m = config.landmark_min_range_m if by_range else 0.0
+    keep = (ellipsoid_m <= config.landmark_max_sigma_m) & (sightings.range_m > least_range_m)
+    if not keep.any():
+        raise InputError(
+            f"none of {len(keep)} landmarks passes the gates (1σ ≤ {config.landmark_max_sigma_m} m, first seen beyond "
+            f"{least_range_m} m); loosen localization.landmark_max_sigma_m or landmark_min_range_m."
+        )
+    pose = sightings.pose[keep]
+    attitude = path.attitude_rad[pose]
+    rotation = rotations(attitude)
+    arm = np.einsum("nij,nj->ni", rotation, sightings.offset[keep])
+    own = _symmetric(rotation @ sightings.covariance[keep] @ rotation.transpose(0, 2, 1))
+    jacobian = pose_jacobian(arm, attitude)
+    shared = jacobian @ path.covariance[pose] @ jacobian.transpose(0, 2, 1)
+    points = SurfacePoints(
+        path.position[pose] + arm,
+        covariance=_symmetric(own + shared),
+        origins=path.position[pose] + rotation @ recording.camera_in_body_m,
+        body=path.position[pose],
+        range_m=sightings.range_m[keep],
+        crs=recording.crs,
+        vertical_datum=recording.vertical_datum,
+        own_covariance=own,
+        keyframe=path.error.keyframe_at(recording.odometry.time_s[pose]),
+        heading_rad=attitude[:, 2],
+    )
+    return points if by_range else _most_informative(points, path, config)
+
+
+def _most_informative(points: SurfacePoints, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:
+    """Select the landmarks that lower the variance of a map the most, in their order."""
+    length_m = float(np.linalg.norm(np.diff(path.position, axis=0), axis=1).sum())
+    east, north = path.position[:, 0], path.position[:, 1]
+    bounds = (float(east.min()), float(north.min()), float(east.max()), float(north.max()))
+    chosen = most_informative(
+        points,
+        max(round(config.landmarks_per_m * length_m), 1),
+        bounds,
+        variance_m2=config.terrain_variance_m2,
+        length_scale_m=config.terrain_length_scale_m,
+    )
+    is_chosen = np.zeros(len(points), dtype=np.bool_)
+    is_chosen[chosen] = True
+    return points.select(is_chosen)
+
+
+def _symmetric(matrices: FloatArray) -> FloatArray:
+    symmetric: FloatArray = 0.5 * (matrices + matrices.transpose(0, 2, 1))
+    return symmetric

@@ -1,4 +1,5 @@
-"""Monocular visual odometry: features, tracks, keyframe window, scale, far features.
+"""Monocular visual odometry: features and tracks, bundle adjustment, scale, far features, self-calibration.
 
-GPS and everything that needs a world frame live in `vision_slam.fusion`.
+`VisualSlam` processes one image, `VisualOdometer` a drive image by image, `visual_odometry` a recording and `OnboardOdometry`
+records that arrive during the drive. Fixes and the world frame belong to `vision_slam.fusion`.
 """

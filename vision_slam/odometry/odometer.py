@@ -4,30 +4,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.data_object import DataObject
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.inertial.attitude import initial_pose, world_attitudes
-from vision_slam.inertial.motion import MotionSensors
-from vision_slam.io.sequence import VisionRecords
-from vision_slam.odometry.checks.upright import mounting_note
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.far_features import FarFeatures
-from vision_slam.odometry.health import FrameHealth, bridged_errors, is_lost
-from vision_slam.odometry.lens.self_calibration import (
-    LensEstimate,
+from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray
+from survey.data.camera import Camera
+from survey.data.frames import Image
+from survey.data.sensors.odometry import Odometry, Sightings
+from vision_slam.attitude import initial_pose, rotations, world_attitudes
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.motion import MotionSensors
+from vision_slam.odometry.health import IDLE_WHEELS, FrameHealth, bridged_errors, is_lost
+from vision_slam.odometry.landmarks import FarFeatures, LandmarkTriangulator
+from vision_slam.odometry.scale_drift import (
+    bridge_scale_jumps,
+    camera_height_ratio,
+    scale_corrections,
+    scale_sightings,
+    smoothed_steps,
+    travel_between,
 )
-from vision_slam.odometry.scale.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
-from vision_slam.odometry.scale.scale_jumps import bridge_scale_jumps, travel_between
-from vision_slam.odometry.scale.speed import smoothed_steps
+from vision_slam.odometry.self_calibration import LensEstimate
+from vision_slam.odometry.sensor_checks import mounting_note
 from vision_slam.odometry.tracks import Track
-from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
-from vision_slam.odometry.wheels.idle_wheels import IDLE_WHEELS
-from vision_slam.rotation import rotations
+from vision_slam.readers.sequence import VisionRecords
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,14 +9,12 @@ from typing import TypeVar
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.aiding import Compass, Inertial, Wheels
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.records import SensorRecords
-from survey.data.sensors.sightings import Sightings
+from survey.data.camera import Camera
+from survey.data.frames import Frames, Image
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import Compass, Inertial, SensorRecords, Wheels
 from survey.io.tables import read_table, write_table
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometer, VisualOdometry
 from vision_slam.odometry.visual_slam import FramePose

@@ -1,15 +1,179 @@
-"""Tracking of corners from image to image by pyramidal Lucas-Kanade."""
+"""Feature tracking: contrast enhancement, corner detection, pyramidal Lucas-Kanade.
+
+`ContrastEnhancer` applies CLAHE, and `ExposureCompensation` undoes steps of the exposure between images. `detect` finds
+corners with an absolute threshold and an even spread over the image. `track_corners` follows them from image to image, forward
+and backward; `epipolar_motion` rejects outliers by the essential matrix. A `Track` holds the observations of one corner.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera.frames import Image
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.features import Pixels
+from survey.core.errors import InputError
+from survey.data.frames import Image
+from vision_slam.config import VisualOdometryConfig
+
+_SHARES = np.linspace(0.05, 0.95, 19)
+_CLIPPED = (4, 250)  # levels beyond are black or white, whatever the exposure
+_STEP = np.log(1.15)
+_USUAL = np.log(1.05)
+_MOST = np.log(4.0)
+
+
+class ContrastEnhancer:
+    """Contrast-limited adaptive histogram equalization (CLAHE, section I.A of the glacier paper).
+
+    Each tile's grey values are spread over the full range, but no value gets more than
+    `clip` times its share, so that noise in blank tiles is not raised without bound. Noise
+    is raised all the same: what is found in an image must still be confirmed by motion.
+
+    Examples
+    --------
+    >>> ramp = np.tile(np.arange(118, 138, dtype=np.uint8), (64, 4))
+    >>> bool(np.ptp(ContrastEnhancer(4.0, 2)(ramp)) > 3 * np.ptp(ramp))
+    True
+    """
+
+    def __init__(self, clip: float, n_tiles: int) -> None:
+        self._clahe: Any = cv2.createCLAHE(clip, (n_tiles, n_tiles)) if clip > 0.0 else None
+        self._exposure = ExposureCompensation()
+
+    def __call__(self, grey: Image) -> Image:
+        """Return the enhanced image of the same shape."""
+        level = self._exposure.compensated(grey)
+        return level if self._clahe is None else np.asarray(self._clahe.apply(level), dtype=np.uint8)
+
+
+class ExposureCompensation:
+    """Compensation of exposure steps in a sequence of images.
+
+    Corners are followed by their grey values, which must stay what they were. From image to
+    image the quantiles of the grey values that are neither black nor white grow by some
+    factor; where its median is beyond 15 % the camera has changed its exposure, and from then
+    on images are multiplied by what undoes that, up to 4. What was white stays white.
+
+    Examples
+    --------
+    >>> ramp = np.tile(np.arange(80, 120, dtype=np.uint8), (64, 4))
+    >>> exposure = ExposureCompensation()
+    >>> exposure.compensated(ramp) is ramp
+    True
+    >>> int(np.abs(exposure.compensated(2 * ramp).astype(int) - ramp).max())
+    0
+    """
+
+    def __init__(self) -> None:
+        self._levels: FloatArray | None = None
+        self._log_gain = 0.0
+
+    def compensated(self, grey: Image) -> Image:
+        """Return the next image as it would be with the exposure of the first."""
+        levels = np.quantile(grey[::4, ::4], _SHARES)
+        if self._levels is not None:
+            self._step(levels, self._levels)
+        self._levels = levels
+        gain = float(np.exp(np.clip(self._log_gain, -_MOST, _MOST)))
+        return grey if gain == 1.0 else np.asarray(cv2.convertScaleAbs(grey, alpha=gain), dtype=np.uint8)
+
+    def _step(self, now: FloatArray, before: FloatArray) -> None:
+        lowest, highest = np.minimum(now, before), np.maximum(now, before)
+        unclipped = (lowest > _CLIPPED[0]) & (highest < _CLIPPED[1])
+        growth = float(np.median(np.log(now[unclipped] / before[unclipped]))) if unclipped.any() else 0.0
+        if abs(growth) > _STEP:
+            self._log_gain -= growth
+            self._log_gain = 0.0 if abs(self._log_gain) < _USUAL else self._log_gain
+
+
+def grey_of(image: Image, width: int, height: int) -> Image:
+    """Return a (H, W) or (H, W, 3) blue-green-red image as grey.
+
+    Raises
+    ------
+    InputError
+        The image has another size than the calibration was made for.
+    """
+    if image.shape[:2] != (height, width):
+        raise InputError(
+            f"an image has {image.shape[1]} × {image.shape[0]} pixels, its calibration {width} × {height}; "
+            "calibrate for this size, or give images as they were calibrated."
+        )
+    if image.ndim == 2:
+        return np.ascontiguousarray(image)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+Pixels = npt.NDArray[np.float32]
+
+_GRID = (8, 6)
+_BORDER_PX = 6
+
+
+def detect(image: Image, taken: Pixels, n_wanted: int, config: VisualOdometryConfig) -> Pixels:
+    """Find up to `n_wanted` new corners (K, 2), spread over the image and away from those `taken` (M, 2).
+
+    Responses are compared with an absolute threshold, and each cell of a grid takes its
+    share: the usual threshold relative to the best corner would leave snow without any
+    corner whenever a mountain stands on the horizon.
+    """
+    response = _response(image, config)
+    _blank(response, taken, config.corner_spacing_px)
+    side = config.corner_spacing_px + 1
+    is_peak = (response >= cv2.dilate(response, np.ones((side, side), np.uint8))) & (
+        response > config.corner_threshold
+    )
+    rows, columns = np.nonzero(is_peak)
+    peaks = np.column_stack([columns, rows]).astype(np.float32)[
+        np.argsort(-response[rows, columns], kind="stable")
+    ]
+    pixels = _spread(peaks, taken, (image.shape[1], image.shape[0]), config.n_features)[:n_wanted]
+    if len(pixels):
+        ends = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)
+        cv2.cornerSubPix(image, pixels.reshape(-1, 1, 2), (3, 3), (-1, -1), ends)
+    return pixels
+
+
+def _response(image: Image, config: VisualOdometryConfig) -> Any:
+    """Return the strength of the corner at each pixel; keypoint detectors fill in the places that they name."""
+    if config.detector == "gftt":
+        return cv2.cornerMinEigenVal(image, 5)
+    if config.detector == "harris":
+        return np.sqrt(np.maximum(cv2.cornerHarris(image, 5, 3, 0.04), 0.0))
+    finder: Any = (
+        cv2.ORB.create(4 * config.n_features)
+        if config.detector == "orb"
+        else cv2.SIFT.create(4 * config.n_features)
+    )
+    response = np.zeros(image.shape, np.float32)
+    for key in finder.detect(image, None):
+        column, row = (round(value) for value in key.pt)
+        response[row, column] = max(config.corner_threshold * (1.0 + key.response), response[row, column])
+    return response
+
+
+def _blank(response: Any, taken: Pixels, radius_px: int) -> None:
+    for column, row in taken.tolist():
+        cv2.circle(response, (int(column), int(row)), radius_px, 0.0, -1)
+    response[:_BORDER_PX] = response[-_BORDER_PX:] = 0.0
+    response[:, :_BORDER_PX] = response[:, -_BORDER_PX:] = 0.0
+
+
+def _spread(peaks: Pixels, taken: Pixels, size: tuple[int, int], n_all: int) -> Pixels:
+    """Keep of peaks (K, 2), strongest first, no more in any cell of the grid than its share."""
+    cells = np.array(_GRID) / np.array(size)
+    count = np.zeros(_GRID, dtype=int)
+    np.add.at(count, tuple((taken * cells).astype(int).T), 1)
+    share = int(np.ceil(1.25 * n_all / count.size))
+    is_used = np.zeros(len(peaks), dtype=bool)
+    for index, (across, down) in enumerate((peaks * cells).astype(int).tolist()):
+        if count[across, down] < share:
+            count[across, down] += 1
+            is_used[index] = True
+    return peaks[is_used]
+
 
 _LEAST_RAYS = 5
 

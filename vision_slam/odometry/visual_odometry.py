@@ -6,21 +6,16 @@ import numpy as np
 
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from vision_slam.io.sequence import VisionRecords
-from vision_slam.odometry.checks.gyro import refuse_other_gyro
-from vision_slam.odometry.checks.travel import refuse_other_travel
-from vision_slam.odometry.checks.turns import largest_turns
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.lens.bundle_adjustment import LensChange
-from vision_slam.odometry.lens.self_calibration import (
-    estimate_lens,
-    unknown_lens,
-)
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.odometry.bundle_adjustment import LensChange
+from vision_slam.odometry.health import WithoutWheels, wheels_are_idle
 from vision_slam.odometry.odometer import VisualOdometer, VisualOdometry
+from vision_slam.odometry.self_calibration import estimate_lens, unknown_lens
+from vision_slam.odometry.sensor_checks import largest_turns, refuse_other_gyro, refuse_other_travel
 from vision_slam.odometry.tracks import Track
-from vision_slam.odometry.wheels.idle_wheels import WithoutWheels, wheels_are_idle
+from vision_slam.readers.sequence import VisionRecords
 
 _MOVES = 0.1  # share of the images that have to move for wheels that count nothing to be wrong
 _MOST_PASSES = 5  # over the images; two suffice unless the lens is off by tens of pixels

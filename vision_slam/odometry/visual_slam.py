@@ -6,25 +6,24 @@ import gtsam
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
-from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.features import Pixels, detect
-from vision_slam.odometry.health import FrameHealth, VisionHysteresis, image_health
-from vision_slam.odometry.keyframes.window import Window, half_turned
-from vision_slam.odometry.pixel_noise import PixelNoise
-from vision_slam.odometry.recognition import ViewRecognizer
-from vision_slam.odometry.resection import resect
+from survey.data.camera import Camera
+from survey.data.frames import Image
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.motion import RelativeMotion
+from vision_slam.odometry.bundle_adjustment import Window, half_turned
+from vision_slam.odometry.health import FrameHealth, VisionHysteresis, WheelSlipDetector, image_health
+from vision_slam.odometry.resection import PixelNoise, ViewRecognizer, resect
 from vision_slam.odometry.tracks import (
+    ContrastEnhancer,
+    Pixels,
     Track,
+    detect,
     epipolar_motion,
+    grey_of,
     quadrant_shift_px,
     rotation_between,
     track_corners,
 )
-from vision_slam.odometry.wheels.wheel_slip import WheelSlipDetector
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02

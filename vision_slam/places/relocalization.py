@@ -5,7 +5,7 @@ carried or switched off, the odometry is interrupted: the segment after the gap 
 shape, and its position and heading are unobservable. Each segment is aligned with its fixes, or with
 ground that it shares with earlier segments. A segment that neither can place is marked lost.
 
-This needs the complete drive. On board, `vision_slam.odometry.recognition` finds the last view
+This needs the complete drive. On board, `vision_slam.odometry.resection` finds the last view
 where the rover still stands in front of it; otherwise the filter depends on fixes.
 """
 
@@ -16,13 +16,11 @@ import numpy as np
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.recording import Recording
 from survey.data.sensors.odometry import Odometry
-from vision_slam.inertial.attitude import heading_correction
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.io.sequence import VisionRecords
+from vision_slam.attitude import heading_correction, rotations
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.places.ground_view import GroundMosaics
-from vision_slam.places.overlay import Overlay, match_overlay
-from vision_slam.rotation import rotations
+from vision_slam.places.ground_view import GroundMosaics, Overlay, match_overlay
+from vision_slam.readers.sequence import VisionRecords
 
 _HOLE_S = 1.5
 _FORGOTTEN_S = 5.0

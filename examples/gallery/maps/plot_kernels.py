@@ -8,7 +8,7 @@ Correlation against distance for one length scale, and draws of one line of terr
 import numpy as np
 from matplotlib import pyplot as plt
 
-from survey.reconstruction.gp.covariance.families import kernel_of
+from survey.reconstruction.gp.families import kernel_of
 
 distance_m = np.linspace(0.0, 400.0, 200)
 points = np.column_stack([distance_m, np.zeros_like(distance_m)])

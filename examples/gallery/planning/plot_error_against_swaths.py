@@ -9,7 +9,7 @@ from matplotlib import pyplot as plt
 
 from firnline import LawnmowerConfig, SurveyArea, plan
 from planners import predict_error
-from survey.reconstruction.gp.covariance.families import kernel_of
+from survey.reconstruction.gp.families import kernel_of
 
 area = SurveyArea.rectangle((500_000.0, 6_700_000.0, 500_400.0, 6_700_400.0), "EPSG:32608")
 numbers = range(2, 9)

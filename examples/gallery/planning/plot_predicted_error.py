@@ -8,7 +8,7 @@ The standard deviation that a route will give follows from the covariance of the
 from firnline import LawnmowerConfig, SurveyArea, plan
 from planners import predict_error
 from survey.figures import plan_map
-from survey.reconstruction.gp.covariance.kernels import Matern52
+from survey.reconstruction.gp.kernels import Matern52
 
 area = SurveyArea.rectangle((500_000.0, 6_700_000.0, 500_600.0, 6_700_400.0), "EPSG:32608")
 route = plan(area, None, LawnmowerConfig(swaths=4))

@@ -114,7 +114,7 @@ def examples_folder() -> Path:
 
 def _copy(file: Path, target: Path, *, force: bool, dry_run: bool) -> None:
     from firnline.actions.interface import refuse_existing
-    from survey.core.files.writing import replacing
+    from survey.core.files import replacing
 
     refuse_existing([target], force=force, inputs=[file])
     if dry_run:
@@ -165,8 +165,8 @@ def schema(
     """
     import json
 
-    from sim.config.json_schema import json_schema
     from sim.config.mission import MissionConfig
+    from sim.mission.runs import json_schema
     from sim.montecarlo.config import StudyConfig
 
     model = MissionConfig if kind == "mission" else StudyConfig
@@ -230,8 +230,8 @@ def _formats() -> str:
     from survey.interchange.route_readers import READERS
     from survey.interchange.route_writers import WRITERS
     from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
-    from survey.io.points.formats import READ_ENDINGS as POINTS
-    from survey.io.points.formats import WRITERS as POINT_WRITERS
+    from survey.io.point_files import READ_ENDINGS as POINTS
+    from survey.io.point_files import WRITERS as POINT_WRITERS
 
     rows = {
         "elevation rasters, read": ", ".join(RASTER_DRIVERS),

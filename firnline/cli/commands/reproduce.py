@@ -72,8 +72,7 @@ def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> None:
 
 def _left(out: Path, *, quick: bool, force: bool) -> list[str]:
     """Return the studies that are not complete, all of them with `force`."""
-    from papers.studies import STUDIES
-    from papers.study_cache import is_complete
+    from papers.studies import STUDIES, is_complete
 
     return [name for name in STUDIES if force or not is_complete(out / name, quick=quick)]
 
@@ -82,8 +81,7 @@ def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -
     """Make one study beside its folder and exchange the two."""
     from firnline.actions.interface import refuse_existing
     from firnline.cli.progress import counted
-    from papers.studies import study
-    from papers.study_cache import replacing_study
+    from papers.studies import replacing_study, study
 
     make = study(name)
     refuse_existing([out / name], force=force, own=("*",))

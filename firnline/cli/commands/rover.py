@@ -93,8 +93,8 @@ def rover(
     with needs_live_extra():
         import survey
         from live.rover.drive import RoverSettings
-        from live.rover.process import serve_rover
         from live.rover.radio import Radio
+        from live.rover.servers import serve_rover
 
         terrain = None if dem is None else survey.Dem.read(dem)
         radio = Radio("127.0.0.1", port, loss, seed)

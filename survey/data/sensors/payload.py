@@ -6,15 +6,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, checked
+from survey.core.arrays import DataObject, FloatArray, checked
 from survey.core.config import Section
-from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
+from survey.core.files import existing_file
 from survey.core.text import printable
 from survey.data.trajectory import Trajectory
 from survey.io.tables import read_table, write_table
-from survey.io.text_tables.delimited import read_text_table
+from survey.io.text_tables import read_text_table
 
 _TIME, _PLACE = "time_s", ("easting_m", "northing_m")
 _N_LEAST = 10

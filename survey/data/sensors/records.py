@@ -1,4 +1,8 @@
-"""Common form of sensor records: tables of times and readings, checked, read and written."""
+"""Sensor records: tables of times and readings, and those of the aiding sensors.
+
+`SensorRecords` is the base class: increasing times and one row per reading, checked, written and read as CSV with units.
+Derived from it here are GPS fixes, barometer, wheels, inertial unit, compass and weather.
+"""
 
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -6,8 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, checked
-from survey.core.data_object import DataObject
+from survey.core.arrays import BoolArray, DataObject, FloatArray, checked
 from survey.core.errors import InputError
 from survey.io.tables import read_table, write_table
 
@@ -135,3 +138,131 @@ def joined_columns(columns: list[FloatArray]) -> FloatArray:
     matrices = np.empty((len(rows), 3, 3))
     matrices[:, UPPER[0], UPPER[1]] = matrices[:, UPPER[1], UPPER[0]] = rows
     return matrices
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GpsFixes(SensorRecords):
+    """Positions from a satellite receiver: ``time_s`` (N,), ``position`` (N, 3) east, north, up [m].
+
+    Times without a fix are simply not there.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    position : (N, 3) array_like
+        Easting, northing and elevation of the antenna [m].
+    sigma_m : (N,) array_like, optional
+        Horizontal standard deviation of each fix as the receiver states it, in each axis [m]. Where
+        it is missing, all fixes have the errors that the configuration of localization assumes.
+    """
+
+    COLUMNS: ClassVar = {"position": ("easting_m", "northing_m", "height_m")}
+    WHAT: ClassVar = "GPS fixes"
+    LEAST: ClassVar = 2
+
+    position: FloatArray
+    sigma_m: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Barometer(SensorRecords):
+    """Pressure altitude: ``time_s`` (N,), ``height_m`` (N,) above an unknown datum.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    height_m : (N,) array_like
+        Pressure altitude above an unknown datum [m].
+    """
+
+    WHAT: ClassVar = "barometer readings"
+
+    height_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Wheels(SensorRecords):
+    """Encoders: ``time_s`` (N,), distance rolled by the left and the right track since the start [m].
+
+    Slip is in it: a track that spins on the spot goes on counting.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    left_m : (N,) array_like
+        Distance rolled by the left track since the start [m].
+    right_m : (N,) array_like
+        Distance rolled by the right track since the start [m].
+    """
+
+    WHAT: ClassVar = "encoder readings"
+
+    left_m: FloatArray
+    right_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inertial(SensorRecords):
+    """Gyro and accelerometer in the body frame.
+
+    ``gyro_rad_s`` (N, 3) are the rates about x, y and z; ``specific_force_m_s2`` (N, 3)
+    is what an accelerometer reads: +g along z when standing level.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    gyro_rad_s : (N, 3) array_like
+        Angular rates in the body frame [rad/s].
+    specific_force_m_s2 : (N, 3) array_like
+        Specific force in the body frame [m/s²].
+    """
+
+    COLUMNS: ClassVar = {
+        "gyro_rad_s": ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s"),
+        "specific_force_m_s2": ("force_x_m_s2", "force_y_m_s2", "force_z_m_s2"),
+    }
+    WHAT: ClassVar = "inertial readings"
+
+    gyro_rad_s: FloatArray
+    specific_force_m_s2: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compass(SensorRecords):
+    """Magnetic heading: ``heading_rad`` (N,), counter-clockwise from grid east, with its distortion.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    heading_rad : (N,) array_like
+        Magnetic heading [rad], counter-clockwise from grid east.
+    """
+
+    WHAT: ClassVar = "compass readings"
+
+    heading_rad: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Weather(SensorRecords):
+    """Science payload: ``temperature_c`` (N,) and relative ``humidity_percent`` (N,).
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    temperature_c : (N,) array_like
+        Air temperature [°C].
+    humidity_percent : (N,) array_like
+        Relative humidity [%].
+    """
+
+    WHAT: ClassVar = "weather readings"
+
+    temperature_c: FloatArray
+    humidity_percent: FloatArray

@@ -1,16 +1,23 @@
-"""Stakes in the ice: their places and sightings of them."""
+"""Stakes in the ice: their places, repeated surveys of them, and sightings from a drive.
+
+Surveys of stakes are read from text tables of other programs with the columns point, time, x, y and z.
+"""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray, checked
-from survey.core.data_object import DataObject
+from survey.core.arrays import DataObject, FloatArray, IntArray, checked
 from survey.core.errors import InputError
+from survey.core.text import printable
 from survey.data.sensors.records import SensorRecords
+from survey.io.column_names import ColumnNames, metres_factor, one_column, refuse_feet, say_columns
+from survey.io.point_table import place_columns
 from survey.io.tables import read_table, write_table
+from survey.io.text_tables import TextTable, read_text_table, refuse_clock_numbers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,3 +173,150 @@ class Stakes(DataObject):
         table = read_table(path, names, what="the table of stakes")
         place = np.column_stack([table[name] for name in names[:3]])
         return cls(place, table["sigma_m"], table.get("time_s"))
+
+
+_LONGEST_CELL = 40
+# Stakes are not surveyed over and over within minutes, half an hour after a clock began.
+_YEARS = (1900.0, 2100.0)
+
+
+class NamedStakeSurveys(NamedTuple):
+    """Surveys of stakes with the names of these.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the stakes, in the order of their indices.
+    surveys : StakeSurveys
+        Surveys, by time.
+    """
+
+    names: tuple[str, ...]
+    surveys: StakeSurveys
+
+
+def read_stake_surveys(path: str | Path, *, sigma_m: float = 0.03, zero: float = 0.0) -> NamedStakeSurveys:
+    r"""Read repeated surveys of stakes from a table with the columns point, time, x, y and z.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Text with commas, semicolons or tabs. Coordinates are easting, northing and elevation of the foot of the
+        stake [m]; times are ISO 8601 dates, in UTC unless they state an offset, or seconds. A column ``sigma`` states
+        standard deviations [m]. Usual names of columns are understood, and the log states which were read.
+    sigma_m : float
+        Standard deviation of each coordinate where the file states none [m].
+    zero : float
+        Time that is subtracted [s]; dates count from 1970.
+
+    Returns
+    -------
+    NamedStakeSurveys
+        Stakes in the order of their names in the file.
+
+    Raises
+    ------
+    InputError
+        A missing file or column, a cell that is no number or no time, places in degrees or feet.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "stakes.csv"
+    >>> _ = file.write_text("point,time,x,y,z\nA,2026-07-01,0,0,10\nA,2026-08-01,0,3,9\n")
+    >>> stakes = read_stake_surveys(file)
+    >>> stakes.names, len(stakes.surveys)
+    (('A',), 2)
+    """
+    table = read_text_table(path, "the table of stakes")
+    names = _names(table)
+    points = table.texts(names["point"])
+    stakes = tuple(dict.fromkeys(points))
+    times = _times(table, names["time"]) - zero
+    place = np.column_stack([_metres(table, names[axis]) for axis in "xyz"])
+    sigma = _metres(table, names["sigma"]) if "sigma" in names else np.full(len(points), sigma_m)
+    stake = np.array([stakes.index(point) for point in points], dtype=np.float64)
+    order = np.argsort(times, kind="stable")
+    return NamedStakeSurveys(stakes, StakeSurveys(times[order], stake[order], place[order], sigma[order]))
+
+
+def _names(table: TextTable) -> dict[str, str]:
+    """Return the columns of point, time, place and standard deviation by what they hold."""
+    header, where = table.header, table.where
+    refuse_feet(header, where)
+    places = place_columns(header, where)
+    if places.is_geographic:
+        raise InputError(
+            f"{where} has its places in degrees ({', '.join(places.names[:2])}); project them to the CRS of the survey."
+        )
+    found = {
+        "point": one_column("name", header, where),
+        "time": one_column("time", header, where) or one_column("date", header, where),
+    }
+    missing = next((kind for kind, name in found.items() if name is None), None)
+    if missing is not None:
+        raise InputError(
+            f"{where} has no column of {missing}s (found {printable(', '.join(header))[:200]}); name it {missing}."
+        )
+    found |= dict(zip("xyz", places.names, strict=True))
+    found["sigma"] = "sigma" if "sigma" in header else one_column("sigma_z", header, where)
+    names = {kind: name for kind, name in found.items() if name is not None}
+    say_columns(where, ColumnNames(names, tuple(name for name in header if name not in names.values())))
+    return names
+
+
+def _metres(table: TextTable, name: str) -> FloatArray:
+    """Return a column of finite numbers [m]."""
+    values = metres_factor(name) * table.numbers(name)
+    if not np.isfinite(values).all():
+        line = table.lines[int(np.flatnonzero(~np.isfinite(values))[0])]
+        raise InputError(
+            f"{table.where}, line {line}: the column {name} holds no finite number; correct it or leave the row out."
+        )
+    return values
+
+
+def _times(table: TextTable, name: str) -> FloatArray:
+    """Return the times (N,) [s] of a column of dates, or of one of seconds."""
+    cells, where = table.texts(name), f"{table.where}, column {name},"
+    times = np.array(
+        [_seconds(cell, f"{table.where}, line {line}") for cell, line in zip(cells, table.lines, strict=True)]
+    )
+    is_number = np.array([_is_number(cell) for cell in cells])
+    if not is_number.any():
+        return times
+    if not is_number.all():
+        line = table.lines[int(np.flatnonzero(is_number != is_number[0])[0])]
+        raise InputError(
+            f"{table.where}, line {line}: the times begin as {'numbers' if is_number[0] else 'dates'} and go on otherwise; "
+            "write all as dates."
+        )
+    refuse_clock_numbers(times, where.rstrip(","))
+    if ((times > _YEARS[0]) & (times < _YEARS[1])).all():
+        raise InputError(
+            f"{where} counts years ({times[0]:g}); write dates such as 2026-07-01T09:30:00Z, or seconds from 0."
+        )
+    return times
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _seconds(text: str, where: str) -> float:
+    """Return a time in seconds: a number, or an ISO 8601 date."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        date = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise InputError(
+            f"{where}: {text[:_LONGEST_CELL]!r} is no time; give seconds or a date such as 2026-07-01T09:30:00Z."
+        ) from error
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

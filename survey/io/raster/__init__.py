@@ -1,16 +1,19 @@
 """Elevation rasters: reading with scale, units and nodata, and writing as GeoTIFF, ASCII grid or NetCDF."""
 
-from survey.io.raster.facts import (
+from survey.io.raster.opening import LARGEST_CELLS
+from survey.io.raster.reading import (
+    NODATA,
+    Raster,
     RasterFacts,
     band_count,
     band_names,
+    opened_raster,
     raster_facts,
     raster_header,
+    read_raster,
+    read_window,
     stated_datum,
 )
-from survey.io.raster.opening import LARGEST_CELLS
-from survey.io.raster.reading import NODATA, Raster, read_raster
-from survey.io.raster.strips import opened_raster, read_window
 from survey.io.raster.writing import reprojected, write_raster
 
 __all__ = [

@@ -1,19 +1,31 @@
-"""Opening of rasters by the driver of their suffix, and checks of a band before its cells are read."""
+"""Opening of rasters by the driver of their suffix, and detection of damage that GDAL does not report.
+
+A raster is opened after the check of its content; georeference, axes, blocks and band are checked before its cells are
+read. Three checks go beyond GDAL: a tag with the CRS, because a single flipped bit of the GeoTIFF key names another zone;
+the Adler-32 checksums of deflate-compressed TIFF blocks; and a trial reading of NetCDF in another process with a time
+limit, because the library does not return over rare damage.
+"""
 
 import math
-from collections.abc import Iterator
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from affine import Affine
+from pyproj import CRS
 from pyproj.exceptions import CRSError
 
+from survey.core.crs import equal_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.files.library_messages import DamagedError, first_line, warnings_logged
+from survey.core.files import DamagedError, first_line, warnings_logged
+from survey.io.dataset_files import VrtPart, raster_parts
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
-from survey.io.raster.crs_tag import refuse_altered_crs
-from survey.io.raster.hdf5 import refuse_unreadable
 from survey.io.raster.values import band_scale, refuse_depths, refuse_picture
 
 LARGEST_CELLS = 40_000_000
@@ -153,3 +165,281 @@ def gdal_faults() -> tuple[type[Exception], ...]:
 
     # Texts of a damaged header, or the file's own name, may not be UTF-8, and its claims may exceed the memory.
     return RasterioError, CPLE_BaseError, DamagedError, UnicodeError, MemoryError, CRSError
+
+
+_SMALLEST_M = 1e-4
+
+
+def check_transform(t: Affine) -> None:
+    """Refuse a transform that is not north-up with square cells.
+
+    Parameters
+    ----------
+    t : affine.Affine
+        Maps (column, row) of a cell's upper left corner to easting and northing [m].
+
+    Raises
+    ------
+    InputError
+        No georeference, a rotated or south-up raster, cells that are not square or smaller than 0.1 mm.
+
+    Examples
+    --------
+    >>> check_transform(Affine(3.0, 0.0, 500_000.0, 0.0, -3.0, 6_700_000.0))
+    """
+    if t == Affine.identity():
+        raise InputError(
+            "the raster has no georeference; assign one (gdal_edit.py -a_ullr), and in NetCDF give the axes the standard_name "
+            "projection_x_coordinate and projection_y_coordinate."
+        )
+    if t.b != 0.0 or t.d != 0.0:
+        raise InputError(
+            "the raster is rotated; rows must run west to east, warp it to north-up first (gdalwarp does it)."
+        )
+    if t.a <= 0.0 or t.e >= 0.0:
+        raise InputError(
+            f"the raster's cell is {t.a:g} by {t.e:g} m; the first row must be the northern one and the first column the western "
+            "one, warp it to north-up first (gdalwarp does it)."
+        )
+    if abs(t.a + t.e) > 1e-3 * t.a:
+        raise InputError(
+            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample it first."
+        )
+    if t.a < _SMALLEST_M:
+        raise InputError(
+            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check its transform."
+        )
+
+
+CRS_TAG = "FIRNLINE_CRS"
+
+
+def crs_tag(crs: CRS) -> dict[str, str]:
+    """Return the tag of a CRS that has a code; none for others.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        Projected.
+
+    Returns
+    -------
+    dict of str to str
+        At most one tag.
+
+    Examples
+    --------
+    >>> crs_tag(CRS("EPSG:32608"))
+    {'FIRNLINE_CRS': 'EPSG:32608'}
+    """
+    authority = crs.to_authority(min_confidence=100)
+    return {} if authority is None else {CRS_TAG: ":".join(authority)}
+
+
+def refuse_altered_crs(source: Any, file: Path) -> None:
+    """Refuse an open GeoTIFF whose CRS is not that of its tag.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster; one without the tag passes.
+    file : pathlib.Path
+        Where it is, for the message.
+
+    Raises
+    ------
+    InputError
+        The two differ.
+    """
+    stated = source.tags().get(CRS_TAG)
+    if stated is None or _is_same(stated, source.crs):
+        return
+    raise InputError(
+        f"{file} states another CRS than its tag {CRS_TAG} ({stated[:40]!r}); it was changed after firnline wrote it, get it "
+        "again."
+    )
+
+
+def _is_same(stated: str, found: Any) -> bool:
+    try:
+        crs = CRS.from_wkt(found.to_wkt())
+        return equal_crs(CRS(stated), crs.sub_crs_list[0] if crs.is_compound else crs)
+    except (CRSError, AttributeError):
+        return False
+
+
+_TIFF = ("GTiff", "COG")
+_SLICE = 1 << 16
+
+
+def refuse_damaged_blocks(source: Any, file: Path, band: int, window: Sequence[int]) -> None:
+    """Compare the checksums of the deflate-compressed blocks of a TIFF band that a window touches.
+
+    GDAL returns the values of a block whose checksum is wrong, without a warning. Blocks of
+    other compressions carry no checksum and pass. The sources of a VRT are compared in the same way.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        The opened file.
+    file : pathlib.Path
+        Where it is.
+    band : int
+        Counted from 1.
+    window : sequence of int
+        First column, first row, width and height [cells].
+
+    Raises
+    ------
+    DamagedError
+        A block that does not unpack, or whose checksum differs.
+    """
+    if source.driver == "VRT":
+        for part in raster_parts(file, band, window):
+            _refuse_damaged_part(part)
+    if source.driver not in _TIFF or source.profile.get("compress") != "deflate":
+        return
+    with file.open("rb") as stream:
+        for place, offset, size in _blocks(source, band, window):
+            stream.seek(offset)
+            if not _is_sound(stream.read(size)):
+                raise DamagedError(f"the checksum of block {place} does not fit its content")
+
+
+def _refuse_damaged_part(part: VrtPart) -> None:
+    """Compare the blocks of a source of a VRT, and name the source where one is damaged."""
+    import rasterio
+
+    column, row, columns, rows = part.window
+    with rasterio.open(part.file, driver=RASTER_DRIVERS[part.file.suffix.lower()]) as source:
+        if not 1 <= part.band <= source.count:
+            raise DamagedError(f"its source {part.file.name} has no band {part.band}")
+        width, height = min(columns, source.width - column), min(rows, source.height - row)
+        try:
+            refuse_damaged_blocks(source, part.file, part.band, (column, row, width, height))
+        except DamagedError as error:
+            raise DamagedError(f"its source {part.file.name}: {error}") from error
+
+
+def _blocks(source: Any, band: int, window: Sequence[int]) -> Iterator[tuple[str, int, int]]:
+    """Yield name, offset and size [bytes] of the blocks that the file holds; sparse ones are left out."""
+    height, width = source.block_shapes[band - 1]
+    column, row, columns, rows = window
+    for i, j in product(
+        range(row // height, -(-(row + rows) // height)),
+        range(column // width, -(-(column + columns) // width)),
+    ):
+        offset = source.get_tag_item(f"BLOCK_OFFSET_{j}_{i}", "TIFF", bidx=band)
+        size = source.get_tag_item(f"BLOCK_SIZE_{j}_{i}", "TIFF", bidx=band)
+        if offset and size:
+            yield f"{i}, {j}", int(offset), int(size)
+
+
+def _is_sound(packed: bytes) -> bool:
+    """Return whether a zlib stream ends with the checksum of its content; only a slice of it is in memory at a time."""
+    unpacker = zlib.decompressobj()
+    rest, went_on = packed, True
+    try:
+        while went_on and not unpacker.eof:
+            # The last input may be taken in while there is still output to come.
+            went_on = bool(unpacker.decompress(rest, _SLICE)) or bool(rest)
+            rest = unpacker.unconsumed_tail
+    except zlib.error:
+        return False
+    return unpacker.eof
+
+
+_PATIENCE_S = 10.0
+_SLOWEST_BYTES_PER_S = 5e6
+_OUTSIDE, _WITHOUT_H5PY = 31, 32
+_READ_THROUGH = f"""
+import sys
+import rasterio
+
+def leads_outside(name):
+    with open(name, "rb") as file:
+        if file.read(4) != b"\\x89HDF":
+            return False
+    try:
+        import h5py
+    except ImportError:
+        sys.exit({_WITHOUT_H5PY})
+    with h5py.File(name, "r") as file:
+        return group_leads_outside(h5py, file, set())
+
+def group_leads_outside(h5py, group, seen):
+    for key in group:
+        if isinstance(group.get(key, getlink=True), h5py.ExternalLink):
+            return True
+        item = group.get(key)
+        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+            return True
+        if isinstance(item, h5py.Group) and item.id not in seen:
+            seen.add(item.id)
+            if group_leads_outside(h5py, item, seen):
+                return True
+    return False
+
+def read(name, largest):
+    with rasterio.open(name, driver="netCDF") as source:
+        source.tags()
+        parts = source.subdatasets
+        for band in range(1, source.count + 1):
+            if source.width * source.height <= largest:
+                for _, window in source.block_windows(band):
+                    source.read(band, window=window)
+    for part in parts:
+        read(part, largest)
+
+if leads_outside(sys.argv[1]):
+    sys.exit({_OUTSIDE})
+read(sys.argv[1], int(sys.argv[2]))
+"""
+
+
+def refuse_unreadable(file: Path, largest_cells: int) -> None:
+    """Let another process read a NetCDF file first, with a time limit; what it merely refuses is judged by the caller.
+
+    It costs some 0.5 s: a process that hangs in a library cannot be interrupted from within.
+    Variables of more than `largest_cells` cells are not read through.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        A NetCDF file.
+    largest_cells : int
+        Variables of more cells are not read through.
+
+    Raises
+    ------
+    InputError
+        The library does not come to an end over this file, or crashes; the file takes values from other
+        files; it is HDF5 and h5py is not installed to find that out.
+    """
+    patience_s = _PATIENCE_S + file.stat().st_size / _SLOWEST_BYTES_PER_S
+    command = [sys.executable, "-c", _READ_THROUGH, str(file.absolute()), str(largest_cells)]
+    try:
+        done = subprocess.run(
+            command,
+            timeout=patience_s,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired as endless:
+        raise InputError(
+            f"{file} is damaged (reading it did not end within {patience_s:.0f} s); get it again."
+        ) from endless
+    _judge(file, done.returncode)
+
+
+def _judge(file: Path, code: int) -> None:
+    if code < 0:
+        raise InputError(f"{file} is damaged (its library crashes over it); get it again.")
+    if code == _OUTSIDE:
+        raise InputError(f"{file} takes values from other files; write them into it (nccopy does it).")
+    if code == _WITHOUT_H5PY:
+        raise InputError(
+            f"{file} is NetCDF-4, and to check it h5py is needed, which is not installed; install firnline[netcdf]."
+        )

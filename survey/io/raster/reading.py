@@ -1,5 +1,12 @@
-"""Reading of elevation rasters through GDAL: values in metres, NaN for nodata, georeference, checksum."""
+"""Reading of elevation rasters through GDAL: values in metres, NaN for nodata, georeference, checksum.
 
+`read_raster` returns one band, or a window of it, and compares the CRC-32 of its values. Cells are read in strips of rows;
+`read_window` reads parts of a raster that stays open. Bands, size and vertical datum are read without the cells.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,14 +16,20 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.checksum import refuse_altered
-from survey.core.crs.choice import geographic_of
-from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
-from survey.core.files.reading import existing_file
-from survey.io.raster.deflate_blocks import refuse_damaged_blocks
-from survey.io.raster.facts import stated_datum
-from survey.io.raster.opening import checked_band, damaged, opened_dataset
-from survey.io.raster.strips import read_strips, window_of
+from survey.core.crs import UNSTATED, vertical_datum_of
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import existing_file
+from survey.core.transformation import geographic_of
+from survey.io.arrays_file import refuse_altered
+from survey.io.raster.opening import (
+    LARGEST_CELLS,
+    checked_band,
+    damaged,
+    opened_dataset,
+    opened_list_of_bands,
+    refuse_damaged_blocks,
+)
+from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked, valid_range
 
 NODATA = -9999.0
 CRC_TAG = "FIRNLINE_CRC32"
@@ -80,7 +93,7 @@ def read_raster(
 
     Notes
     -----
-    NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.hdf5`.
+    NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.opening`.
     """
     file = existing_file(path, "the raster")
     with opened_dataset(file, band) as source:
@@ -145,7 +158,7 @@ def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -
     Returns
     -------
     tuple
-        For `survey.core.checksum.checksum`.
+        For `survey.io.arrays_file.checksum`.
     """
     stored = np.where(np.isfinite(values), values, NODATA).astype("<f4")
     return (
@@ -154,3 +167,220 @@ def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -
         np.array(transform.to_gdal(), dtype="<f8"),
         vertical_datum,
     )
+
+
+VERTICAL_TAG = "VERTICAL_DATUM"
+
+
+class RasterFacts(NamedTuple):
+    """Rows and columns of a raster, its CRS where it names one, and its georeference."""
+
+    shape: tuple[int, int]
+    crs: Any
+    transform: Affine
+
+
+def stated_datum(source: Any) -> str:
+    """Return the vertical datum that an open raster's tags name, or ``""``.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+
+    Returns
+    -------
+    str
+        Name of the datum.
+    """
+    tags = source.tags()
+    return str(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
+
+
+def raster_facts(path: str | Path) -> RasterFacts:
+    """Return what a raster's header says, without reading its cells.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    RasterFacts
+        Shape and CRS.
+
+    Raises
+    ------
+    InputError
+        As in `read_raster`.
+    """
+    with opened_raster(existing_file(path, "the raster")) as source:
+        return _facts(source)
+
+
+def raster_header(path: str | Path) -> RasterFacts:
+    """Return what a raster's header says; damage of its cells is not looked for.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    RasterFacts
+        Shape, CRS and georeference.
+
+    Raises
+    ------
+    InputError
+        The file is missing, empty, damaged or of another kind.
+    """
+    with opened_dataset(existing_file(path, "the raster"), 1) as source:
+        return _facts(source)
+
+
+def _facts(source: Any) -> RasterFacts:
+    crs = source.crs.to_wkt() if source.crs else None
+    return RasterFacts((int(source.height), int(source.width)), crs, source.transform)
+
+
+def band_count(path: str | Path) -> int:
+    """Return the number of bands of a raster, or of variables of a NetCDF file.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    int
+        At least 1.
+    """
+    return len(band_names(path))
+
+
+def band_names(path: str | Path) -> list[str]:
+    """Return the names of the bands of a raster; numbered where it gives none.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    list of str
+        One name per band.
+    """
+    with opened_list_of_bands(existing_file(path, "the raster")) as source:
+        if source.subdatasets:
+            return [part.rsplit(":", 1)[1] for part in source.subdatasets]
+        described = [d or "" for d in source.descriptions]
+    if len(described) == 1 and not described[0]:
+        return ["elevation"]
+    return [name or f"band_{k}" for k, name in enumerate(described, start=1)]
+
+
+_STRIP_CELLS = 4_000_000
+
+
+@contextmanager
+def opened_raster(file: Path) -> Iterator[Any]:
+    """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        An existing raster.
+
+    Raises
+    ------
+    InputError
+        As in `read_raster`.
+    """
+    with opened_dataset(file, 1) as source:
+        checked_band(source, file, 1)
+        refuse_damaged_blocks(source, file, 1, (0, 0, source.width, source.height))
+        yield source
+
+
+def window_of(source: Any, file: Path, bounds: Bounds | None) -> tuple[int, int, int, int]:
+    """Return first column, first row, width and height of what is to be read, or refuse as too large."""
+    window = (0, 0, int(source.width), int(source.height))
+    t = source.transform
+    if bounds is not None and t.b == t.d == 0.0 and t.a > 0.0 and t.e != 0.0:
+        window = _window_over(bounds, t, source.width, source.height, file)
+    _, _, width, height = window
+    if height * width > LARGEST_CELLS:
+        raise CapacityError(
+            f"{file} has {height:,} × {width:,} cells {'there' if bounds else 'in all'}; {LARGEST_CELLS:,} can be read at once "
+            f"({8 * LARGEST_CELLS / 1e9:.2f} GB), cut a window (gdal_translate -projwin) or average it (gdalwarp -tr) first."
+        )
+    return window
+
+
+def _window_over(bounds: Bounds, t: Affine, width: int, height: int, file: Path) -> tuple[int, int, int, int]:
+    """Return the cells from which heights within the bounds are interpolated: one more to each side."""
+    west, south, east, north = bounds
+    columns = _span((west - t.c) / t.a, (east - t.c) / t.a, width)
+    edges = sorted(((north - t.f) / t.e, (south - t.f) / t.e))  # the first row may be the southern one
+    rows = _span(edges[0], edges[1], height)
+    if min(columns[1], rows[1]) < 2:
+        south, north = sorted((t.f, t.f + height * t.e))
+        raise InputError(
+            f"{file} lies elsewhere than the bounds ({', '.join(f'{b:.7g}' for b in bounds)}): it reaches from "
+            f"{t.c:.7g}, {south:.7g} to {t.c + width * t.a:.7g}, {north:.7g}; check both and their CRS."
+        )
+    return columns[0], rows[0], columns[1], rows[1]
+
+
+def _span(low: float, high: float, n: int) -> tuple[int, int]:
+    """Return the first cell and the number of cells between two places counted in cells, one more to each side."""
+    if not (low < n and high > 0.0):
+        return 0, 0
+    first, last = max(0, math.floor(low) - 1), min(n, math.ceil(high) + 1)
+    return first, last - first
+
+
+def read_strips(source: Any, band: int, window: Sequence[int]) -> FloatArray:
+    """Read a band strip by strip, so that memory follows what the file holds and not what its header claims."""
+    from rasterio.windows import Window
+
+    column, row, width, height = window
+    values = np.empty((height, width))
+    rows = max(1, _STRIP_CELLS // width)
+    for first in range(0, height, rows):
+        strip = Window(column, row + first, width, min(rows, height - first))
+        values[first : first + rows] = read_window(source, band, strip)
+    return values
+
+
+def read_window(source: Any, band: int, window: Any) -> FloatArray:
+    """Read a window of an open raster.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        From `opened_raster`.
+    band : int
+        Counted from 1.
+    window : rasterio.windows.Window
+        Columns and rows of the raster.
+
+    Returns
+    -------
+    (h, w) ndarray
+        Values [m], scale, offset and unit applied; NaN for nodata.
+    """
+    refuse_picture(source, band)
+    strip = source.read(band, window=window, masked=True, out_dtype=np.float64)
+    stored: FloatArray = strip.filled(np.nan)
+    stored[~np.isfinite(stored)] = np.nan
+    low, high = valid_range(source, band)
+    stored[(stored < low) | (stored > high)] = np.nan
+    scale = band_scale(source, band)
+    refuse_unmarked(stored, source.name, source.dtypes[band - 1], in_metres=scale == (1.0, 0.0))
+    return scale.applied(stored)

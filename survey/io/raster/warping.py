@@ -10,13 +10,11 @@ from affine import Affine
 from pyproj import CRS, Transformer
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import agreed_crs
-from survey.core.crs.checks import known_crs
-from survey.core.crs.choice import chosen_crs, geographic_of, is_geographic
+from survey.core.crs import agreed_crs, known_crs
 from survey.core.errors import CapacityError, InputError
-from survey.io.raster.facts import raster_header
+from survey.core.transformation import chosen_crs, geographic_of, is_geographic
 from survey.io.raster.opening import LARGEST_CELLS
-from survey.io.raster.reading import Raster
+from survey.io.raster.reading import Raster, raster_header
 
 _COARSEST_CUBIC = 1.5
 _MARGIN_CELLS = 2
@@ -64,7 +62,7 @@ def in_metres(
         In degrees or in metres.
     crs : str, int, pyproj.CRS or None
         CRS of a raster that states none, or the projected one to which degrees are warped; by default
-        the one that `survey.core.crs.choice.chosen_crs` finds.
+        the one that `survey.core.transformation.chosen_crs` finds.
     where : str
         Name of the file, for the message.
     bounds : (4,) tuple of float, optional

@@ -1,8 +1,14 @@
-"""Elevation rasters written as Cloud-Optimized GeoTIFF, Esri ASCII grid or NetCDF, and their reprojection."""
+"""Writing of rasters: Cloud-Optimized GeoTIFF, Esri ASCII grid, NetCDF, and categorical GeoTIFF.
 
-from collections.abc import Mapping
+Elevations are written as float32 with CRS, vertical datum and checksum. NetCDF follows the climate and forecast (CF)
+conventions, version 1.8, through xarray. Categories are bytes with their names in ``.aux.xml`` beside the GeoTIFF, where
+GDAL and QGIS look for them; `read_codes` reads them.
+"""
+
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
@@ -11,20 +17,16 @@ from pyproj import CRS
 from pyproj.crs import CompoundCRS
 
 from survey.core.arrays import FloatArray
-from survey.core.checksum import checksum
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.vertical_datum import UNSTATED, VERTICAL_CRS
-from survey.core.errors import InputError
-from survey.core.files.library_messages import warnings_logged
-from survey.core.files.writing import replacing, unwritable
-from survey.io.companions import stale_files
-from survey.io.raster.crs_tag import crs_tag
-from survey.io.raster.facts import VERTICAL_TAG
-from survey.io.raster.georeference import check_transform
-from survey.io.raster.opening import gdal_faults
+from survey.core.crs import UNSTATED, VERTICAL_CRS, projected_crs
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import existing_file, replacing, unwritable, warnings_logged
+from survey.io.arrays_file import checksum
+from survey.io.dataset_files import stale_files
+from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, gdal_faults, opened_dataset
 from survey.io.raster.reading import (
     CRC_TAG,
     NODATA,
+    VERTICAL_TAG,
     Raster,
     checksum_parts,
 )
@@ -76,8 +78,6 @@ def write_raster(
     check_transform(transform)
     suffix = Path(path).suffix.lower()
     if suffix == ".nc":
-        from survey.io.raster.netcdf import write_netcdf
-
         write_netcdf(path, bands, transform, written_crs(crs, vertical_datum), vertical_datum)
         return
     if suffix == ".asc" and len(bands) != 1:
@@ -223,3 +223,179 @@ def written_crs(crs: CRS, vertical_datum: str) -> CRS:
     if code is None:
         return horizontal
     return CompoundCRS(f"{horizontal.name} + {vertical_datum}", [horizontal, CRS.from_user_input(code)])
+
+
+_FILL = np.float32(-9999.0)
+
+
+def write_netcdf(
+    path: str | Path,
+    bands: Mapping[str, FloatArray],
+    transform: Affine,
+    crs: CRS,
+    vertical_datum: str,
+    *,
+    attributes: Mapping[str, Mapping[str, str]] | None = None,
+) -> None:
+    """Write each band as a float32 variable over y and x [m], with CRS and vertical datum.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    bands : mapping of str to (H, W) ndarray
+        Bands by name [m], NaN for nodata.
+    transform : affine.Affine
+        Maps (column, row) of a cell's corner to easting and northing [m].
+    crs : pyproj.CRS
+        Projected, with the vertical part if it has a code.
+    vertical_datum : str
+        Name of the surface that heights count from.
+    attributes : mapping of str to mapping, optional
+        CF attributes of bands by their names; ``units`` are metres unless stated.
+
+    Raises
+    ------
+    InputError
+        When xarray, h5netcdf or h5py are not installed, or the file cannot be written.
+    """
+    try:
+        import h5netcdf  # noqa: F401  # xarray looks for both by name
+        import h5py  # noqa: F401
+        import xarray
+    except ImportError as error:
+        raise InputError(
+            f"{path}: NetCDF needs xarray, h5netcdf and h5py, which are not installed; install firnline[netcdf]."
+        ) from error
+    dataset = xarray.Dataset(
+        _variables(bands, attributes or {}), _axes(bands, transform), _facts(vertical_datum)
+    )
+    dataset["spatial_ref"] = ((), np.int32(0), _grid_mapping(crs, transform))
+    encoding = {name: {"_FillValue": _FILL, "zlib": True, "fletcher32": True} for name in bands}
+    with replacing(path, stale=stale_files(path)) as draft:
+        try:
+            dataset.to_netcdf(draft, engine="h5netcdf", encoding=encoding)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise unwritable(Path(path), error) from error
+
+
+def _variables(
+    bands: Mapping[str, FloatArray], attributes: Mapping[str, Mapping[str, str]]
+) -> dict[str, Any]:
+    mapping = {"grid_mapping": "spatial_ref", "units": "m"}
+    return {
+        name: (
+            ("y", "x"),
+            np.where(np.isfinite(values), values, _FILL).astype(np.float32),
+            mapping | dict(attributes.get(name, {})),
+        )
+        for name, values in bands.items()
+    }
+
+
+def _axes(bands: Mapping[str, FloatArray], transform: Affine) -> dict[str, Any]:
+    rows, columns = next(iter(bands.values())).shape
+    x = transform.c + transform.a * (np.arange(columns) + 0.5)
+    y = transform.f + transform.e * (np.arange(rows) + 0.5)
+    units = {"units": "m"}
+    return {
+        "x": ("x", x, {"standard_name": "projection_x_coordinate", **units}),
+        "y": ("y", y, {"standard_name": "projection_y_coordinate", **units}),
+    }
+
+
+def _grid_mapping(crs: CRS, transform: Affine) -> dict[str, Any]:
+    """Return what CF readers and GDAL need to place the grid."""
+    geo = " ".join(repr(float(v)) for v in transform.to_gdal())
+    with warnings_logged():  # CF has no words for some projections; the WKT has
+        cf = crs.to_cf()
+    return {**cf, "spatial_ref": crs.to_wkt(), "GeoTransform": geo}
+
+
+def _facts(vertical_datum: str) -> dict[str, str]:
+    return {"Conventions": "CF-1.8", **({"vertical_datum": vertical_datum} if vertical_datum else {})}
+
+
+def write_categories(
+    path: str | Path,
+    codes: npt.NDArray[np.uint8],
+    categories: Sequence[str],
+    *,
+    transform: Affine,
+    crs: CRS,
+) -> None:
+    """Write codes as bytes, and the names of the categories in ``.aux.xml`` beside, where GDAL and QGIS look for them.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A GeoTIFF.
+    codes : (H, W) ndarray of uint8
+        Numbers of categories.
+    categories : sequence of str
+        Their names, counted from 0.
+    transform : affine.Affine
+        Maps (column, row) of a cell's corner to easting and northing [m].
+    crs : pyproj.CRS
+        Projected, in metres.
+
+    Raises
+    ------
+    InputError
+        When the raster is not north-up with square cells, or the file cannot be written.
+    """
+    file = Path(path)
+    write_bytes_raster(file, file.stem, np.asarray(codes, dtype=np.uint8), transform, crs)
+    root = ET.Element("PAMDataset")
+    names = ET.SubElement(ET.SubElement(root, "PAMRasterBand", band="1"), "CategoryNames")
+    for category in categories:
+        ET.SubElement(names, "Category").text = category
+    ET.indent(root)
+    with replacing(file.with_name(f"{file.name}.aux.xml")) as draft:
+        draft.write_bytes(ET.tostring(root, encoding="utf-8") + b"\n")
+
+
+class Codes(NamedTuple):
+    """Whole numbers of a categorical raster with its placement; `unknown` stands for no category."""
+
+    values: npt.NDArray[np.int64]
+    transform: Affine
+    crs: CRS
+    unknown: int | None
+
+
+def read_codes(path: str | Path) -> Codes:
+    """Read the codes of a categorical raster, such as land cover, in any CRS.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Raster of whole numbers; its first band is read.
+
+    Returns
+    -------
+    Codes
+        Codes (H, W) with their placement.
+
+    Raises
+    ------
+    InputError
+        Missing, damaged, without a CRS, or with decimals.
+    CapacityError
+        More than `LARGEST_CELLS` cells.
+    """
+    file = existing_file(path, "the raster of classes")
+    with opened_dataset(file, 1) as source:
+        if source.width * source.height > LARGEST_CELLS:
+            raise CapacityError(
+                f"{file} has {source.width * source.height:,} cells; {LARGEST_CELLS:,} can be read at once, cut it to the area."
+            )
+        if not np.issubdtype(np.dtype(source.dtypes[0]), np.integer):
+            raise InputError(
+                f"{file} holds numbers with decimals; a raster of classes holds whole numbers, write it as integers."
+            )
+        if source.crs is None:
+            raise InputError(f"{file} carries no coordinate reference system; write it with one.")
+        unknown = None if source.nodata is None else int(source.nodata)
+        values = source.read(1).astype(np.int64)
+        return Codes(values, source.transform, CRS.from_wkt(source.crs.to_wkt()), unknown)

@@ -1,16 +1,154 @@
-"""One surface that learns from points and lines of sight, pass by pass."""
+"""One carved surface, the points and lines of sight that it learns from, and the record of its passes.
+
+`Cloud` holds the points in the coordinates of the frame, those held back for validation among them, and gives the
+lines of sight of a pass. `CarvedSurface` learns from them pass by pass. `Pass` is the record of one pass.
+`support_codes` states for every node whether points measured it, lie within reach, or rays alone bound it.
+"""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from pyproj import CRS
 from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import binary_dilation, distance_transform_edt
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.reconstruction.carving.bases import Bases, Fresh, LevelCells
-from survey.reconstruction.carving.cloud import SightLines
-from survey.reconstruction.carving.descent import MOST_PER_POINT, Rasters, Step, Tally, Visited, descend
-from survey.reconstruction.carving.room import raster_step_m
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m
+from survey.reconstruction.carving.descent import (
+    MOST_PER_POINT,
+    Bases,
+    Fresh,
+    LevelCells,
+    Rasters,
+    Step,
+    Tally,
+    Visited,
+    descend,
+)
+from survey.reconstruction.line_of_sight.ceiling import LowestRays
+from survey.reconstruction.line_of_sight.returns import ends_far_below
+from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN
+
+_TILE_M = 48.0
+
+
+class CarvingFrame(NamedTuple):
+    """Where a frame is: its south-west corner in nodes of its raster, the level of heights, CRS and vertical datum."""
+
+    west: int
+    south: int
+    step_m: float
+    datum_m: float
+    crs: CRS
+    vertical_datum: str
+
+    @property
+    def corner(self) -> FloatArray:
+        """Easting, northing and height [m] of the frame's origin."""
+        return np.array([self.west * self.step_m, self.south * self.step_m, self.datum_m])
+
+
+class Vote(NamedTuple):
+    """The heights (H, W) below which lines of sight are outvoted by others [m], on nodes so far apart from (0, 0) [m]."""
+
+    outvoted: FloatArray
+    step_m: float
+
+
+class SightLines(NamedTuple):
+    """Hits and sensors (N, 3) [m], errors of the heights (N,) [m], how deep under a surface each line of sight may run (N,) [m], and the vote.
+
+    `gated` states whether lines of sight that end far below the surface are rejected.
+    """
+
+    xyz: FloatArray
+    origins: FloatArray
+    sigma_m: FloatArray
+    slack_m: FloatArray
+    vote: Vote
+    gated: bool
+
+    def accepted(self, heights: FloatArray) -> BoolArray:
+        """Return which lines of sight (N,) are accepted, given the surface's heights at their ends (N,) [m]."""
+        if not self.gated:
+            return np.ones(len(heights), dtype=bool)
+        return ~ends_far_below(heights - self.xyz[:, 2], self.sigma_m)
+
+
+@dataclass
+class Cloud:
+    """Hits and sensors (N, 3) in the frame's coordinates [m], errors of the heights (N,) [m], and who is held back for validation."""
+
+    xyz: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    origins: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    sigma_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    held: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    def add(self, points: SurfacePoints, place: CarvingFrame, held: BoolArray) -> None:
+        """Add points; a point without a sensor counts as its own sensor."""
+        origins = points.xyz if points.origins is None else points.origins
+        self.xyz = np.concatenate([self.xyz, points.xyz - place.corner])
+        self.origins = np.concatenate([self.origins, origins - place.corner])
+        self.sigma_m = np.concatenate([self.sigma_m, points.sigma_z])
+        self.held = np.concatenate([self.held, held])
+
+    def move(self, by: FloatArray) -> None:
+        """Shift everything eastwards and northwards."""
+        self.xyz[:, :2] += by
+        self.origins[:, :2] += by
+
+    def sights(
+        self, visited: IntArray, config: SpaceCarvingConfig, size_m: tuple[float, float]
+    ) -> "SightLines":
+        """Return what a pass goes over, in a frame of this width and height."""
+        xyz, origins, sigma_m = self.xyz[visited], self.origins[visited], self.sigma_m[visited]
+        slack_m = np.maximum(config.ray_sigmas * sigma_m, config.dead_band_m)
+        gated = config.carve and config.gate
+        vote = Vote(np.full((1, 1), -np.inf), config.last_length_m)
+        if gated:
+            window = NodeWindow.over((0.0, 0.0, *size_m), config.last_length_m)
+            rays = LowestRays.empty(window.shape)
+            rays.add(window, origins, xyz, np.zeros(len(xyz)))
+            vote = Vote(rays.outvoted(), window.step_m)
+        return SightLines(xyz, origins, sigma_m, slack_m, vote, gated)
+
+    def shuffled(
+        self, visited: IntArray, rng: np.random.Generator, rng_of_tiles: np.random.Generator
+    ) -> IntArray:
+        """Return an order in which to visit points: at random, tile by tile, and the tiles at random too.
+
+        Points farther apart than a kernel is wide do not affect one another; keeping to one
+        tile keeps its bases at hand, whatever the size of the map.
+        """
+        order = rng.permutation(len(visited))
+        tile = np.floor(self.xyz[visited, :2] / _TILE_M).astype(np.int64)
+        tile -= tile.min(axis=0)
+        # By one number each: to sort pairs takes as long as a pass.
+        number = np.unique(tile[:, 0] * (tile[:, 1].max() + 1) + tile[:, 1], return_inverse=True)[1]
+        rank = rng_of_tiles.permutation(int(number.max()) + 1)
+        return order[np.argsort(rank[number[order]], kind="stable")]
+
+    def learned_from(self, first: int = 0) -> IntArray:
+        """Return the numbers of the points from one on that are not held back."""
+        return first + np.flatnonzero(~self.held[first:])
+
+    def within_reach(self, first_new: int, reach_m: float) -> IntArray:
+        """Return the numbers of the older points that lie in a square of this side with a new one, or in one beside it."""
+        square = np.floor(self.xyz[:, :2] / reach_m).astype(np.int64)
+        low = square.min(axis=0)
+        square -= low
+        touched = np.zeros(square.max(axis=0) + 1, dtype=bool)
+        touched[tuple(square[first_new:].T)] = True
+        near = binary_dilation(touched, np.ones((3, 3), dtype=bool))[tuple(square[:first_new].T)]
+        return np.flatnonzero(near & ~self.held[:first_new])
+
 
 # Nodes per length scale of a pass's own raster.
 _NODES = 8.0
@@ -180,3 +318,59 @@ class CarvedSurface:
             np.arange(block.rows) * rasters.fine_step_m, np.arange(block.columns) * rasters.fine_step_m
         )
         return refined
+
+
+class Pass(NamedTuple):
+    """What one pass of the mean surface did."""
+
+    length_m: float
+    n_point_bases: int
+    n_ray_bases: int
+    gradient_m: float
+    """Mean violation beyond the dead-band [m]."""
+    loss_m2: float
+    """Mean of r (Eq. 9) as the pass met it [m²]."""
+    validation_rmse_m: float
+    """Of the points held back [m]; NaN without any."""
+
+
+def pass_of(tally: Tally, length_m: float, validationrmse_m: float) -> Pass:
+    """Return what a tally amounts to per step."""
+    n = max(tally.n_steps, 1)
+    return Pass(
+        length_m, tally.n_points, tally.n_rays, tally.gradient_m / n, tally.loss_m2 / n, validationrmse_m
+    )
+
+
+def rms(errors: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+Codes = npt.NDArray[np.uint8]
+
+
+def support_codes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: bool) -> Codes:
+    """Return the support codes (H, W) of nodes: a point within half a step, rays over it, a point within reach.
+
+    Parameters
+    ----------
+    window : NodeWindow
+        Nodes in the cloud's coordinates.
+    cloud : Cloud
+        Points and their sensors.
+    reach_m : float
+        Distance within which a point determines the surface [m].
+    rays : bool
+        Whether lines of sight count.
+    """
+    hit = np.zeros(window.shape, dtype=bool)
+    u, v = np.round(window.coordinates(cloud.xyz[:, :2])).astype(np.int64).T
+    hit[np.clip(v, 0, window.rows - 1), np.clip(u, 0, window.columns - 1)] = True
+    away_m: FloatArray = window.step_m * distance_transform_edt(~hit)
+    codes = np.where(away_m <= reach_m, INTERPOLATED, UNSEEN)
+    if rays:
+        lowest = LowestRays.empty(window.shape)
+        lowest.add(window, cloud.origins, cloud.xyz, np.zeros(len(cloud)))
+        codes = np.where(lowest.covered(), RAY_BOUNDED, codes)
+    return np.where(hit, MEASURED, codes).astype(np.uint8)

@@ -7,11 +7,9 @@ from pyproj import CRS
 
 from survey.core.config import validated
 from survey.io.arrays_file import read_arrays, write_arrays
-from survey.reconstruction.carving.bases import Bases, Columns
-from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame
-from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
+from survey.reconstruction.carving.carved_surface import CarvedSurface, CarvingFrame, Cloud, Frame
 from survey.reconstruction.carving.config import SpaceCarvingConfig
-from survey.reconstruction.carving.descent import Step
+from survey.reconstruction.carving.descent import Bases, Columns, Step
 
 _FORMAT = "firnline space-carving kernels 1"
 

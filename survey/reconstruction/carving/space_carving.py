@@ -9,25 +9,29 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, IntArray, checked
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import SIGMAS_95, UNSEEN, Reconstruction
-from survey.reconstruction.carving.bases import BY_POINT, BY_RAY
-from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame
+from survey.reconstruction.carving.carved_surface import (
+    CarvedSurface,
+    CarvingFrame,
+    Cloud,
+    Codes,
+    Frame,
+    Pass,
+    pass_of,
+    rms,
+    support_codes,
+)
 from survey.reconstruction.carving.carving_file import CarvingState, read_carving, write_carving
-from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
-from survey.reconstruction.carving.config import SpaceCarvingConfig
-from survey.reconstruction.carving.descent import Step
-from survey.reconstruction.carving.record import Pass, pass_of, rms
-from survey.reconstruction.carving.room import raster_step_m, require_room
-from survey.reconstruction.carving.support import Codes, support_codes
-from survey.reconstruction.line_of_sight.ghost_returns import ghosts
-from survey.reconstruction.line_of_sight.sight_lines import checked_origins
+from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m, require_room
+from survey.reconstruction.carving.descent import BY_POINT, BY_RAY, Step
+from survey.reconstruction.line_of_sight.returns import checked_origins, ghosts
 from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_map import SIGMAS_95, UNSEEN, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, local_datum_m, not_fitted
 
 MEAN, LOWER, UPPER = "mean", "lower", "upper"

@@ -5,9 +5,9 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from survey.core.config import Section
-from survey.data.shared_views import SHARED_SIGMA_M
-from survey.reconstruction.gp.covariance.families import KernelFamily, KernelSetting, kernel_of
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.data.landmarks import SHARED_SIGMA_M
+from survey.reconstruction.gp.families import KernelFamily, KernelSetting, kernel_of
+from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.prior import SatelliteErrors
 
 

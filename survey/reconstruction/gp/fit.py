@@ -1,30 +1,353 @@
-"""Fit of a Gaussian-process terrain: hyperparameters, conditioned process, outliers, calibration."""
+"""Fit of a Gaussian-process terrain, and its predictions: height, calibrated standard deviation, support and slope.
+
+`TerrainFit` finds the hyperparameters, conditions the process on the residuals to the mean, propagates horizontal errors
+through the slope, gives outliers less weight, and calibrates the standard deviation. `SigmaCalibration` is a
+factor by the distance to the nearest point, from blocked cross-validation. `Learned` is the fitted state that predicts.
+The steepness of a map has the standard deviation of the derivative along the steepest direction.
+"""
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
+from scipy.special import chdtrc
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
+from survey.core.streams import stream
 from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION
-from survey.reconstruction.gp.calibration import SigmaCalibration
+from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engines.base import Process
-from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.learned import Learned
-from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
+from survey.reconstruction.gp.engines.regression import Process
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
 from survey.reconstruction.gp.process import EngineName, conditioned
-from survey.reconstruction.gp.satellite import with_prior_error
-from survey.reconstruction.gp.selection.families import likeliest
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family
-from survey.reconstruction.observations import Observations
-from survey.reconstruction.outliers import Outliers, distrusted
+from survey.reconstruction.observations import (
+    Observations,
+    Outliers,
+    Predict,
+    distrusted,
+    variance_through_slope,
+)
+from survey.reconstruction.terrain_map import CHECK, ELEVATION, UNSEEN, support_codes
+
+_SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
+# Without enough points to say otherwise the scale is 1, give or take 30 %.
+_PRIOR_LOG_SD = 0.3
+_N_BINS = 3
+_LEAST_HELD_OUT = 30
+_N_TRIED = 6000
+
+
+@dataclass(frozen=True)
+class SigmaCalibration:
+    """Factor on the standard deviation, by the distance to the nearest point.
+
+    Parameters
+    ----------
+    distance_m : (K,) ndarray
+        Distances to the nearest point, ascending [m].
+    scale : (K,) ndarray
+        Factor at each; constant beyond the ends, linear between.
+    held_out : mapping
+        What the points that were left out had to say: their number, their share within
+        the 95 % interval before and after.
+    """
+
+    distance_m: FloatArray
+    scale: FloatArray
+    held_out: dict[str, Any]
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return the scale 1."""
+        return cls(np.zeros(1), np.ones(1), {})
+
+    def facts(self) -> dict[str, Any]:
+        """Return the scale and what it rests on, for the record."""
+        held_out = {name: value for name, value in self.held_out.items() if name != CHECK}
+        return {"distance_m": self.distance_m, "scale": self.scale, **held_out}
+
+    def at(self, distance_m: FloatArray) -> FloatArray:
+        """Return the factor at distances (M,) [m]."""
+        return np.interp(distance_m, self.distance_m, self.scale)
+
+    @classmethod
+    def cross_validated(
+        cls, xy: FloatArray, values: FloatArray, noise_m2: FloatArray, predict: Predict, gaps_m: FloatArray
+    ) -> Self:
+        r"""Leave out discs of points and single points, predict them, and compare.
+
+        Points of one swath determine one another, so leaving out one at a time shows nothing
+        about the ground between swaths: discs as wide as the gaps of the survey do. Within
+        each range of distance to the nearest remaining point the scale s maximises
+
+        .. math::  \sum_i w \log N(e_i; 0, s^2 v_i + \sigma_i^2) - \frac{(\log s)^2}{2 \cdot 0.3^2}
+
+        with the prediction error e, its variance v and the point's own variance σ². The
+        weight w counts errors that lie closer together than they are far from data as one.
+
+        Parameters
+        ----------
+        xy, values, noise_m2 : (N, 2), (N,) and (N,) ndarray
+            The points, and the variances of their errors.
+        predict : callable
+            Maps from some of the points.
+        gaps_m : (M,) ndarray
+            Distances from places on the map to the nearest point [m].
+
+        Notes
+        -----
+        The scale never falls below 1: points stand where the rover could see, so that they
+        can prove a map too bold and not too cautious. The hyperparameters were fitted to
+        all points, and the test is not blind to them. Ground unlike any that was measured
+        cannot be foreseen.
+        """
+        out = left_out(xy, gaps_m)
+        kept = ~out.points
+        if (~kept).sum() < _LEAST_HELD_OUT or kept.sum() < _LEAST_HELD_OUT:
+            return cls.none()
+        mean, variance = predict(kept, xy[~kept])
+        distance = np.asarray(cKDTree(xy[kept]).query(xy[~kept])[0])
+        held_out = _HeldOut(xy[~kept], values[~kept] - mean, variance, noise_m2[~kept], distance)
+        bins = held_out.bins()
+        found = cls(np.array([b.distance_m for b in bins]), np.array([b.scale for b in bins]), {})
+        before, after = (held_out.scores(factor) for factor in (np.ones(len(distance)), found.at(distance)))
+        columns = list(zip(*bins, strict=True))
+        check = PredictiveCheck("discs and single points", out.n_discs, before, after, *columns)
+        facts = {
+            "n_held_out": before.n,
+            "coverage_95_before": before.coverage_95,
+            "coverage_95_after": after.coverage_95,
+            CHECK: check.facts(),
+        }
+        return cls(found.distance_m, found.scale, facts)
+
+
+class _Bin(NamedTuple):
+    """Median distance [m] of a range, independent errors in it, chance of errors as large, and scale found."""
+
+    distance_m: float
+    n_effective: float
+    p_value: float
+    scale: float
+
+
+class _HeldOut(NamedTuple):
+    """Places (M, 2), errors (M,), variances of prediction and point (M,), and distances to the nearest point (M,)."""
+
+    xy: FloatArray
+    error: FloatArray
+    variance: FloatArray
+    noise: FloatArray
+    distance_m: FloatArray
+
+    def scores(self, factor: FloatArray) -> PredictiveScores:
+        """Return the scores with the predicted deviation times a factor (M,)."""
+        return PredictiveScores.of(self.error, np.sqrt(factor**2 * self.variance + self.noise))
+
+    def bins(self) -> list[_Bin]:
+        """Return what each third of the distances says."""
+        edges = np.quantile(self.distance_m, np.linspace(0.0, 1.0, _N_BINS + 1))
+        index = np.clip(np.searchsorted(edges, self.distance_m, side="right") - 1, 0, _N_BINS - 1)
+        return [self._bin(index == k) for k in range(_N_BINS) if (index == k).any()]
+
+    def _bin(self, here: BoolArray) -> _Bin:
+        middle = float(np.median(self.distance_m[here]))
+        error, variance, noise = self.error[here], self.variance[here], self.noise[here]
+        n = _n_independent(self.xy[here], middle)
+        scale = max(1.0, _scale(error, variance, noise, n / here.sum()))
+        p_value = float(chdtrc(n, n * float(np.mean(error**2 / (variance + noise)))))
+        return _Bin(middle, float(n), p_value, scale)
+
+
+class PointsLeftOut(NamedTuple):
+    """Points to leave out (N,), and the number of discs among them."""
+
+    points: BoolArray
+    n_discs: int
+
+
+def left_out(xy: FloatArray, gaps_m: FloatArray) -> PointsLeftOut:
+    """Choose points to leave out: discs as wide as the survey's gaps, and single points; always the same ones."""
+    rng = stream(0, "calibration")
+    tree = cKDTree(xy)
+    out = np.zeros(len(xy), dtype=bool)
+    order = rng.permutation(len(xy))
+    # As wide as the gaps, unless a disc would then hold much of the survey.
+    fullest = tree.query(xy[order[:30]], k=[max(int(_SHARE_IN_ONE * len(xy)), 1)])[0]
+    widest = min(float(np.quantile(gaps_m, 0.95)), float(np.median(fullest)))
+    radii = widest * np.array([1.0, 0.6, 0.3])
+    n_discs = 0
+    for centre in order[:_N_TRIED]:
+        if out.sum() >= _SHARE_IN_DISCS * len(xy):
+            break
+        radius = radii[n_discs % len(radii)]
+        # Discs stay a radius apart, so that each has its surroundings left.
+        if not out[tree.query_ball_point(xy[centre], 2.0 * radius)].any():
+            out[tree.query_ball_point(xy[centre], radius)] = True
+            n_discs += 1
+    free = np.flatnonzero(~out)
+    out[rng.choice(free, size=int(_SHARE_SINGLE * len(free)), replace=False)] = True
+    return PointsLeftOut(out, n_discs)
+
+
+def _n_independent(xy: FloatArray, correlation_m: float) -> int:
+    cells = np.floor(xy / max(correlation_m, 1e-3)).astype(np.int64)
+    return len(np.unique(cells, axis=0))
+
+
+def _scale(error: FloatArray, variance: FloatArray, noise: FloatArray, weight: float) -> float:
+    def negative(log_scale: float) -> float:
+        total = np.exp(2.0 * log_scale) * variance + noise
+        misfit = 0.5 * float(np.sum(np.log(total) + error**2 / total))
+        return weight * misfit + 0.5 * (log_scale / _PRIOR_LOG_SD) ** 2
+
+    return float(np.exp(minimize_scalar(negative, bounds=(-1.5, 1.5), method="bounded").x))
+
+
+MOST_AT_ONCE = 4_000_000
+"""Nodes that are finished at once, which bounds the memory of a large map."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A mean surface, the process of what differs from it, and the calibration of its standard deviation."""
+
+    process: Process
+    mean: Mean
+    found: Hyperparameters
+    calibration: SigmaCalibration
+    outliers: Outliers
+    n_beyond_reach: int = 0
+
+    @classmethod
+    def uncalibrated(cls, process: Process, mean: Mean, found: Hyperparameters) -> Self:
+        """Return the state before outliers are looked for and the standard deviation is calibrated."""
+        none = Outliers(np.zeros(0, dtype=np.int64), np.zeros(0))
+        return cls(process, mean, found, SigmaCalibration.none(), none)
+
+    def height(self, xy: FloatArray) -> FloatArray:
+        """Return the most likely height (M,) [m]."""
+        return self.process.predict(xy)[0] + self.mean.at(xy)
+
+    def std(self, xy: FloatArray) -> FloatArray:
+        """Return the standard deviation (M,) [m], fine relief and calibration included."""
+        return self._total_std(self.process.predict(xy)[1], xy, self.nearest_m(xy))
+
+    def nearest_m(self, xy: FloatArray) -> FloatArray:
+        """Return the distance (M,) to the nearest point [m]."""
+        return np.asarray(cKDTree(self.process.data.xy).query(xy)[0], dtype=np.float64)
+
+    def support(self, std: FloatArray, nearest_m: FloatArray, step_m: float = 0.0) -> npt.NDArray[np.uint8]:
+        """Return the support codes of places with this standard deviation and distance to the nearest point."""
+        prior = self.process.kernel.variance_m2 + self.found.nugget_m**2
+        return support_codes(
+            nearest_m,
+            (std / self.calibration.at(nearest_m)) ** 2 / prior,
+            shortest_length_m=self.process.kernel.length_scales_m[0],
+            step_m=step_m,
+        )
+
+    def on(self, grid: Grid) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
+        """Return height [m], standard deviation [m] and support code (H, W) on the nodes of a grid."""
+        mean, std = self.process.predict_on_axes(grid.x, grid.y)
+        support = np.empty(grid.shape, dtype=np.uint8)
+        rows_at_once = max(MOST_AT_ONCE // grid.shape[1], 1)
+        for first in range(0, grid.shape[0], rows_at_once):
+            rows = slice(first, first + rows_at_once)
+            nodes = np.stack(np.meshgrid(grid.x, grid.y[rows]), axis=-1).reshape(-1, 2)
+            places = _Places(nodes, mean[rows].ravel(), std[rows].ravel() ** 2)
+            found = self._finished(places, grid.step_m)
+            mean[rows], std[rows], support[rows] = (values.reshape(-1, grid.shape[1]) for values in found)
+        return mean, std, support
+
+    def _finished(
+        self, places: "_Places", step_m: float
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
+        """Return height, standard deviation and support code (M,); NaN and unseen where the mean is not defined."""
+        covered = self.mean.covers(places.xy)
+        nearest = self.nearest_m(places.xy)
+        std = self._total_std(places.variance, places.xy, nearest)
+        support = self.support(std, nearest, step_m)
+        if covered.all():
+            return places.residual + self.mean.at(places.xy), std, support
+        height = np.full(len(covered), np.nan)
+        height[covered] = places.residual[covered] + self.mean.at(places.xy[covered])
+        return height, np.where(covered, std, np.nan), np.where(covered, support, UNSEEN).astype(np.uint8)
+
+    def slope(self, xy: FloatArray) -> FloatArray:
+        """Return the slope (M, 2) of the most likely surface [m/m]."""
+        return self.process.gradient(xy) + self.mean.gradient(xy)
+
+    def updated(self, xy: FloatArray, z: FloatArray, variance: FloatArray) -> Self:
+        """Return the posterior with more points, at the same hyperparameters and calibration."""
+        noise = np.sqrt(variance + self.found.nugget_m**2)
+        return replace(self, process=self.process.update(xy, z - self.mean.at(xy), noise))
+
+    def hyperparameters(self) -> dict[str, Any]:
+        """Return family, parameters and likelihood, for the record."""
+        return {
+            "family": self.found.family,
+            **self.process.kernel.parameters(),
+            "nugget_m": self.found.nugget_m,
+            "log_marginal_likelihood": self.process.log_marginal_likelihood,
+        }
+
+    def diagnostics(self) -> dict[str, Any]:
+        """Return what was found out about the points and the engine, for the record."""
+        check = self.calibration.held_out.get(CHECK)
+        return {
+            **({} if check is None else {CHECK: check}),
+            "n_points": len(self.process.data),
+            "n_points_beyond_reach": self.n_beyond_reach,
+            "outliers": self.outliers.facts(),
+            "calibration": self.calibration.facts(),
+            "engine": self.process.record(),
+        }
+
+    def _total_std(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
+        """Return the standard deviation of the ground: that of the process and of the nugget, calibrated."""
+        total = self.process.surface_variance(variance, xy) + self.found.nugget_m**2
+        return np.sqrt(total) * self.calibration.at(nearest_m)
+
+
+class _Places(NamedTuple):
+    """Places (M, 2) [m], and mean (M,) [m] and variance (M,) [m²] of the process there."""
+
+    xy: FloatArray
+    residual: FloatArray
+    variance: FloatArray
+
+
+_DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
+
+
+def steepness_on_axes(
+    process: Process, x: FloatArray, y: FloatArray, mean_slope: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return steepness and its standard deviation (H, W) [m/m], with the slope (H * W, 2) of the mean surface.
+
+    The standard deviation is that of the derivative along the steepest direction,
+    σ² = eᵀ cov(∇f) e.
+    """
+    nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    slope = process.gradient(nodes) + mean_slope
+    steepness = np.hypot(*slope.T)
+    e_x, e_y = slope.T / np.maximum(steepness, 1e-12)
+    along_x, along_y, diagonal = (process.derivative_variance_on_axes(x, y, np.array(e)) for e in _DIRECTIONS)
+    variance = e_x**2 * along_x + e_y**2 * along_y + e_x * e_y * (diagonal - along_x - along_y)
+    shape = (len(y), len(x))
+    return steepness.reshape(shape), np.sqrt(np.maximum(variance, 0.0)).reshape(shape)
+
 
 _N_LEAST = 3
 # Places on the site from which the widths of its gaps are taken.

@@ -1,33 +1,169 @@
-"""Gaussian-process terrain model: a mean surface and a Gaussian process of the residual."""
+"""Gaussian-process terrain model: a mean surface and a Gaussian process of the residual.
 
+`GaussianProcessTerrain` is the model with fit, update, predict, sample, save and load. It also gives volumes over a polygon
+and their standard deviations; `Volume.minus` is the change between two surveys. `MapWatch` logs the expected time of a
+large map.
+"""
+
+import logging
+import math
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import Bounds, FloatArray, checked
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.arrays import Bounds, FloatArray, Progress, checked
+from survey.core.crs import UNSTATED
 from survey.core.errors import InputError
 from survey.core.map_scale import scale_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.fit import TerrainFit
-from survey.reconstruction.gp.learned import Learned
+from survey.reconstruction.gp.fit import MOST_AT_ONCE, Learned, TerrainFit, steepness_on_axes
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
 from survey.reconstruction.gp.process import EngineName
-from survey.reconstruction.gp.progress.map_watch import MapWatch
-from survey.reconstruction.gp.slopes import steepness_on_axes
-from survey.reconstruction.gp.volume import Volume, quadrature
 from survey.reconstruction.observations import Observations
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_fitted
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A volume and its standard deviation [m³], and the area it stands on [m²].
+
+    Examples
+    --------
+    >>> later, earlier = Volume(90.0, 3.0, 10.0), Volume(100.0, 4.0, 10.0)
+    >>> later.minus(earlier)
+    Volume(mean_m3=-10.0, std_m3=5.0, area_m2=10.0)
+    """
+
+    mean_m3: float
+    std_m3: float
+    area_m2: float
+
+    def minus(self, earlier: "Volume") -> "Volume":
+        """Return the change since an earlier survey of the same ground, whose errors are independent.
+
+        Raises
+        ------
+        InputError
+            When the two stand on different areas.
+
+        Notes
+        -----
+        Errors that both share, a common satellite prior's where neither survey went,
+        cancel in reality; here they are counted twice, which is on the safe side.
+        """
+        if abs(self.area_m2 - earlier.area_m2) > 1e-6 * self.area_m2:
+            raise InputError(
+                f"the volumes stand on {self.area_m2:.1f} and {earlier.area_m2:.1f} m²; take the same polygon for both."
+            )
+        std = float(np.hypot(self.std_m3, earlier.std_m3))
+        return Volume(self.mean_m3 - earlier.mean_m3, std, self.area_m2)
+
+
+def quadrature(polygon: Polygon | MultiPolygon, step_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return nodes (M, 2) inside a polygon and the area each stands for (M,) [m²]; the areas add up to the polygon's.
+
+    Raises
+    ------
+    InputError
+        An empty or crossing polygon, or one narrower than the step everywhere.
+    """
+    if polygon.is_empty or not polygon.is_valid or polygon.area <= 0.0:
+        raise InputError("the polygon is empty or crosses itself; give a simple one.")
+    xmin, ymin, xmax, ymax = polygon.bounds
+    # Cell centres, so that a rectangle of whole steps is integrated by the midpoint rule.
+    x, y = (
+        low
+        + (np.arange(max(round((high - low) / step_m), 1)) + 0.5)
+        * (high - low)
+        / max(round((high - low) / step_m), 1)
+        for low, high in ((xmin, xmax), (ymin, ymax))
+    )
+    nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    inside = shapely.contains_xy(polygon, nodes[:, 0], nodes[:, 1])
+    if not inside.any():
+        raise InputError(f"no node lies in the polygon at steps of {step_m:g} m; take a smaller step.")
+    return nodes[inside], np.full(int(inside.sum()), polygon.area / inside.sum())
+
+
+logger = logging.getLogger(__name__)
+# The time of smaller maps is not stated, unless they are mapped in tiles.
+_N_LARGE = 2_000_000
+_N_TIMED = 100_000
+# Support codes and calibration, beside the distances to the nearest points.
+_BESIDE_DISTANCES = 1.2
+# Cross-validation where it is not counted, and writing.
+_BESIDE_MAPPING = 1.15
+
+
+class MapWatch(NamedTuple):
+    """Nodes that a map will have, and a progress callback.
+
+    Parameters
+    ----------
+    grid : Grid
+        Nodes of the map.
+    progress : callable, optional
+        Progress callback.
+    """
+
+    grid: Grid
+    progress: Progress | None = None
+
+    def announce(self, learned: Learned, learning_s: float) -> None:
+        """Log the expected time of a large map, or of one in tiles.
+
+        Parameters
+        ----------
+        learned : Learned
+            State of the model that is to be mapped.
+        learning_s : float
+            Time of learning it, what is still to be learned included [s].
+        """
+        rows, columns = self.grid.shape
+        process = learned.process
+        if rows * columns < _N_LARGE and not process.divides_site:
+            return
+        mapping_s = process.expected_s(self.grid.x, self.grid.y) + _finishing_s(learned, self.grid)
+        text = _time_text(learning_s + _BESIDE_MAPPING * mapping_s)
+        if process.divides_site:
+            logger.warning(
+                "the site is too large for one solve and is mapped in %d tiles, which takes about %s",
+                process.record()["n_tiles"],
+                text,
+            )
+        else:
+            logger.warning("a map of %d nodes takes about %s", rows * columns, text)
+
+
+def _finishing_s(learned: Learned, grid: Grid) -> float:
+    """Return the expected time of the distances and support codes of all nodes [s]."""
+    rows, columns = grid.shape
+    n_rows = min(max(_N_TIMED // columns, 1), rows)
+    middle = (rows - n_rows) // 2
+    nodes = np.stack(np.meshgrid(grid.x, grid.y[middle : middle + n_rows]), axis=-1).reshape(-1, 2)
+    began = time.perf_counter()
+    learned.nearest_m(nodes[:1])
+    prepared = time.perf_counter()
+    learned.nearest_m(nodes)
+    preparing_s = prepared - began
+    over_nodes_s = max(time.perf_counter() - prepared - preparing_s, 0.0) * rows / n_rows
+    return _BESIDE_DISTANCES * over_nodes_s + preparing_s * math.ceil(rows * columns / MOST_AT_ONCE)
+
+
+def _time_text(seconds: float) -> str:
+    return f"{seconds / 60.0:.0f} min" if seconds > 90.0 else f"{seconds:.0f} s"
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,14 @@
-"""Mean functions of the terrain: constants, functions and coarse elevation models."""
+"""Mean functions of the terrain, and prior elevation models as such: their interpolation, noise and estimated errors.
+
+`Mean` is the interface; a mean is a constant, a function or an elevation model. `prior_error_kernel` is the covariance of an
+elevation model's noise between its cells. `estimated_prior` estimates offset, tilt and horizontal shift of the
+elevation model by generalized least squares from the points, and subtracts them.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -12,6 +17,19 @@ from scipy.spatial import Delaunay, QhullError
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Kernel, SquaredExponential
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.prior import PriorErrors
+from survey.reconstruction.prior_likelihood import (
+    ErrorSizes,
+    Innovations,
+    Level,
+    conflicts,
+    level,
+    likeliest_sizes,
+)
 
 # Half the arm of the central difference that gives a mean's slope [m].
 _ARM_M = 0.5
@@ -245,3 +263,166 @@ def _triangles(dem: Dem) -> LinearNDInterpolator:
     except QhullError as error:
         raise InputError("the prior's valid cells lie on one line; give a prior of an area.") from error
     return LinearNDInterpolator(mesh, dem.elevation.ravel()[known])
+
+
+def prior_error_kernel(cell_m: float, sigma_m: float) -> Kernel:
+    r"""Return the covariance of the noise of a coarse model read bilinearly between its cells.
+
+    Independent noise of σ per cell, spread by the bilinear weights w, has on average over
+    the cell the variance and the correlation of a cubic spline,
+
+    .. math::  \overline{\sum_c w_c^2} = (2/3)^2, \qquad
+               \rho(h) \approx \exp(-h^2 / 2 l^2), \quad l = c / \sqrt 3
+
+    with the cell's width c; l is the standard deviation of the spline.
+
+    Parameters
+    ----------
+    cell_m : float
+        Width of a cell [m].
+    sigma_m : float
+        Standard deviation of a cell's noise [m].
+
+    Notes
+    -----
+    The relief within a cell, which its mean hides, is not in it: the kernel that is
+    fitted to the points about the prior has it.
+
+    Examples
+    --------
+    >>> prior_error_kernel(75.0, 1.5).variance_m2
+    1.0
+    """
+    return SquaredExponential((2.0 / 3.0 * sigma_m) ** 2, float(cell_m / np.sqrt(3.0)))
+
+
+def with_prior_error(found: Hyperparameters, cell_m: float, sigma_m: float) -> Hyperparameters:
+    """Return the hyperparameters with the prior's own error beside the terrain's."""
+    parts = found.kernel.parts if isinstance(found.kernel, Sum) else (found.kernel,)
+    return replace(found, kernel=Sum(*parts, prior_error_kernel(cell_m, sigma_m)))
+
+
+# Fewer cells with points than these determine no errors of the prior.
+_LEAST_CELLS = 6
+
+
+class EstimatedPrior(NamedTuple):
+    """A prior less its estimated errors, and the record of these.
+
+    Parameters
+    ----------
+    dem : Dem
+        The corrected prior.
+    facts : dict
+        Estimated errors with their standard deviations, and conflicts of prior and points.
+    """
+
+    dem: Dem
+    facts: dict[str, Any]
+
+
+def estimated_prior(prior: Dem, points: SurfacePoints, errors: PriorErrors) -> EstimatedPrior:
+    """Return the prior less the errors that the points show: offset, tilt, and horizontal shift through its slope.
+
+    In each cell of the prior the mean difference between prior and points is one measurement of its error. Cells without
+    points are corrected by what all cells have in common.
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse elevations, in the points' CRS.
+    points : SurfacePoints
+        Measured points; those beyond the prior are left out.
+    errors : PriorErrors
+        Error model of the prior.
+
+    Returns
+    -------
+    EstimatedPrior
+        The corrected prior; the same one where fewer than six of its cells hold points.
+
+    Notes
+    -----
+    Offset, tilt and shift are taken as constant over the points; a prior of many tiles has one for each.
+    """
+    mean = DemMean(prior)
+    here = mean.covers(points.xy)
+    xy, difference = points.xy[here], mean.at(points.xy[here]) - points.z[here]
+    differing = _by_cell(prior, xy, difference)
+    if len(differing.value_m) < _LEAST_CELLS:
+        return EstimatedPrior(prior, {"prior_conflicts": []})
+    middle = xy.mean(axis=0)
+    rows = _rows(mean, differing.centre, middle)
+    sizes, found, used_sigma = _sized(differing, rows, errors)
+    value, std = _unknowns(differing, rows, used_sigma, sizes)
+    total = (
+        differing.covariance
+        + (rows * used_sigma) @ (rows * used_sigma).T
+        + sizes.covariance(differing.centre)
+    )
+    said = conflicts(found, differing._replace(covariance=total), sizes.white_m, errors.white)
+    every = prior.xy
+    wrong = _rows(mean, every, middle) @ value
+    dem = replace(prior, elevation=prior.elevation - wrong.reshape(prior.shape))
+    facts: dict[str, Any] = {
+        "satellite_sigma_m": sizes.white_m,
+        "satellite_correlated_sigma_m": sizes.correlated_m,
+        "prior_conflicts": list(said),
+    }
+    for name, one, spread in zip(_NAMES, value, std, strict=True):
+        facts |= {f"satellite_{name}": float(one), f"satellite_{name}_sigma": float(spread)}
+    return EstimatedPrior(dem, facts)
+
+
+_NAMES = ("offset_m", "tilt_east_m_per_km", "tilt_north_m_per_km", "shift_east_m", "shift_north_m")
+
+
+def _by_cell(prior: Dem, xy: FloatArray, difference: FloatArray) -> Innovations:
+    """Return the mean difference of the points in each cell, with the variance of that mean."""
+    column = np.floor((xy[:, 0] - prior.bounds[0]) / prior.step_m).astype(np.int64)
+    row = np.floor((prior.bounds[3] - xy[:, 1]) / prior.step_m).astype(np.int64)
+    _, cell, count = np.unique(row * prior.shape[1] + column, return_inverse=True, return_counts=True)
+    mean = np.bincount(cell, difference) / count
+    square = np.bincount(cell, (difference - mean[cell]) ** 2)
+    pooled = float(square.sum() / max(len(xy) - len(count), 1))
+    centre = np.column_stack([np.bincount(cell, axis) / count for axis in xy.T])
+    return Innovations(centre, mean, np.diag(pooled / count + 1e-6))
+
+
+def _rows(mean: DemMean, xy: FloatArray, middle: FloatArray) -> FloatArray:
+    """Return what offset, tilt and shift of 1 m, 1 m/km and 1 m add to the prior at places (N, 5) [m]."""
+    slope = np.zeros((len(xy), 2))
+    covered = mean.covers(xy)
+    slope[covered] = mean.gradient(xy[covered])
+    return np.column_stack([np.ones(len(xy)), (xy - middle) / 1000.0, -slope])
+
+
+def _sized(
+    differing: Innovations, rows: FloatArray, errors: PriorErrors
+) -> tuple[ErrorSizes, Level, FloatArray]:
+    """Return the sizes of the cells' errors, the level of the prior, and the standard deviations of the unknowns."""
+    tilt, shift = errors.tilt_sigma_m_per_km, errors.shift_sigma_m
+    others = np.array([tilt, tilt, shift, shift])
+    scaled = rows[:, 1:] * others
+    known = differing._replace(
+        covariance=differing.covariance + scaled @ scaled.T, level_sigma_m=errors.level_sigma_m
+    )
+    sizes = likeliest_sizes(known, errors)
+    own = known._replace(covariance=known.covariance + sizes.covariance(differing.centre))
+    found = level(own, errors.level_sigma_m)
+    level_m = errors.level_sigma_m * sizes.level_factor
+    if found.is_conflict:
+        level_m = 10.0 * abs(found.offset_m)
+        sizes = likeliest_sizes(known._replace(level_sigma_m=level_m), errors._replace(level_log_sd=0.0))
+    return sizes, found, np.r_[level_m, others]
+
+
+def _unknowns(
+    differing: Innovations, rows: FloatArray, sigma: FloatArray, sizes: ErrorSizes
+) -> tuple[FloatArray, FloatArray]:
+    """Return the estimates (5,) and their standard deviations, by generalized least squares with their priors."""
+    noise = differing.covariance + sizes.covariance(differing.centre)
+    scaled = rows * sigma
+    weighted = np.linalg.solve(noise, np.column_stack([scaled, differing.value_m]))
+    covariance = np.linalg.inv(np.eye(len(sigma)) + scaled.T @ weighted[:, :-1])
+    return sigma * (covariance @ (scaled.T @ weighted[:, -1])), sigma * np.sqrt(np.diag(covariance))

@@ -12,16 +12,13 @@ from survey.core.config import validated
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.io.arrays_file import read_npz, write_npz
-from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.families import kernel_of
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.learned import Learned
-from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
+from survey.reconstruction.gp.families import Sum, kernel_of
+from survey.reconstruction.gp.fit import Learned, SigmaCalibration
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, prior_error_kernel
 from survey.reconstruction.gp.process import EngineName, conditioned
-from survey.reconstruction.gp.satellite import prior_error_kernel
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
-from survey.reconstruction.outliers import Outliers
+from survey.reconstruction.observations import Outliers
 
 _FORMAT = "firnline terrain model 1"
 

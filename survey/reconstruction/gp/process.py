@@ -5,11 +5,8 @@ from typing import Any, Literal, NamedTuple
 from survey.core.arrays import Bounds, FloatArray, Progress
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel
-from survey.reconstruction.gp.engines.base import Process
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.polynomial_trend import TrendName
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess, NoisyValues, Process, TrendName
+from survey.reconstruction.gp.kernels import Kernel
 
 EngineName = Literal["gp", "dense"]
 """The fast engine, which depends on the size of the task, or the dense one."""
@@ -63,8 +60,8 @@ class _LargeTask(NamedTuple):
     def in_waves(self) -> Process | None:
         """Condition the whole site in Fourier waves; None where they do not fit, or their mean does not settle."""
         # Here, because compiling support costs half a second that other methods need not pay.
-        from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
-        from survey.reconstruction.gp.engines.fourier.rough_resolution import resolution_for
+        from survey.reconstruction.gp.engines.fourier_basis import resolution_for
+        from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
 
         site = NoisyValues.of(self.xy, self.values, self.sigma_m).extent(self.bounds)
         try:
@@ -77,7 +74,7 @@ class _LargeTask(NamedTuple):
 
     def in_tiles(self) -> Process | None:
         """Divide the site into tiles in Fourier waves; None where no tile fits, or its mean does not settle."""
-        from survey.reconstruction.gp.engines.tiles import TiledGaussianProcess
+        from survey.reconstruction.gp.engines.tiled_gp import TiledGaussianProcess
 
         try:
             tiles = TiledGaussianProcess.fit(
@@ -90,7 +87,7 @@ class _LargeTask(NamedTuple):
 
     def in_neighbourhoods(self) -> Process:
         """Map every small tile from its nearest points."""
-        from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
+        from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess
 
         return LocalGaussianProcess.fit(
             *self._points, bounds=self.bounds, trend=self.trend, progress=self.progress

@@ -6,41 +6,50 @@ from functools import cache, cached_property
 import numpy as np
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.checks.predictive import HeldOut
+from survey.reconstruction.checks import HeldOut
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.engines.fourier.resolution import (
+from survey.reconstruction.gp.engines.fourier_basis import (
+    FourierBasis,
     affordable_basis,
     amplitudes,
     modes_within,
     periodic_variance,
     sharpest_std_m,
 )
-from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
-from survey.reconstruction.joint.checked_map import checked_map
-from survey.reconstruction.joint.design_rows import JointSystem, cell_rows, point_rows
-from survey.reconstruction.joint.joint_solve import JointPosterior
-from survey.reconstruction.joint.kernels.kernel_choice import ChosenKernel, PointsOnly, chosen, probable
-from survey.reconstruction.joint.kernels.plane_residuals import PlaneResiduals, own_variance
-from survey.reconstruction.joint.landmark_errors import LandmarkErrors
-from survey.reconstruction.joint.left_out import held_out_swaths
-from survey.reconstruction.joint.map_average import MapAverage
-from survey.reconstruction.joint.place_error import PlaceError
+from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.joint.cross_validation import checked_map, held_out_swaths
+from survey.reconstruction.joint.kernel_choice import (
+    ChosenKernel,
+    PlaneResiduals,
+    PointsOnly,
+    chosen,
+    own_variance,
+    probable,
+)
+from survey.reconstruction.joint.normal_equations import (
+    JointPosterior,
+    JointSystem,
+    TerrainPosterior,
+    cell_rows,
+    point_rows,
+)
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
-from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
-from survey.reconstruction.joint.shared_relief import with_shared_relief
-from survey.reconstruction.joint.solution import JointMap, JointSolution, StatedSolution
-from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
-from survey.reconstruction.prior.products import PriorErrors
+from survey.reconstruction.joint.shared_errors import (
+    LandmarkErrors,
+    PlaceError,
+    SharedError,
+    dominant_modes,
+    with_shared_relief,
+)
+from survey.reconstruction.joint.solution import JointMap, JointSolution, MapAverage, StatedSolution
+from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.terrain_model import local_datum_m
 
 # A slope needs fewer waves than a map.

@@ -7,13 +7,13 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import equal_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import equal_crs
 from survey.core.errors import InputError
+from survey.core.transformation import transformed
 from survey.data.dem import Dem
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.prior.error_sizes import ErrorSizes, Innovations
-from survey.reconstruction.prior.products import PriorErrors
+from survey.reconstruction.prior import PriorErrors
+from survey.reconstruction.prior_likelihood import ErrorSizes, Innovations
 
 # Beyond these many cells their covariance is no longer a detail.
 _MOST_CELLS = 4000

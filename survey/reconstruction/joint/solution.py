@@ -1,8 +1,13 @@
-"""Terrain and path after one solve of the joint estimate: heights, slopes, covariances, and the record."""
+"""Solution of the joint estimate: heights, slopes and covariances of the terrain, correction of the path, and the record.
+
+`JointSolution` is the estimate with one kernel; on a grid it becomes a `JointMap`. `MapAverage` corrects the map for
+what is uncertain about the kernel: it is the average of coarse maps with several kernels. `mixture` gives mean and standard
+deviation of two normal distributions.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy import sparse
@@ -13,18 +18,87 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import POSE, PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.reconstruction.checks import HeldOut
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
-from survey.reconstruction.joint.correction import PathCorrection
-from survey.reconstruction.joint.joint_solve import JointPosterior, unit_rows
-from survey.reconstruction.joint.landmark_errors import LandmarkErrors
-from survey.reconstruction.joint.map_average import MapAverage, mixture
+from survey.reconstruction.gp.engines.regression import PolynomialTrend
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.joint.drives import PathCorrection
+from survey.reconstruction.joint.normal_equations import JointPosterior, TerrainPosterior, unit_rows
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
-from survey.reconstruction.joint.shared_error import SharedError, side_by_side
-from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
-from survey.reconstruction.support import support_codes
+from survey.reconstruction.joint.shared_errors import LandmarkErrors, SharedError, side_by_side
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction, support_codes
+
+
+class MapFields(Protocol):
+    """Map that gives heights and standard deviations on grids."""
+
+    def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
+        """Return height and standard deviation (H, W) [m]."""
+
+
+def mixture(
+    first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray], share: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of a mixture of two normal distributions.
+
+    Parameters
+    ----------
+    first, second : tuple of ndarray
+        Means and standard deviations of both.
+    share : float
+        Probability of the second.
+
+    Examples
+    --------
+    >>> one, other = (np.zeros(1), np.ones(1)), (np.full(1, 2.0), np.ones(1))
+    >>> [values.round(3).tolist() for values in mixture(one, other, 0.5)]
+    [[1.0], [1.414]]
+    """
+    (mean, std), (other, other_std) = first, second
+    variance = (1.0 - share) * std**2 + share * other_std**2 + share * (1.0 - share) * (other - mean) ** 2
+    return mean + share * (other - mean), np.sqrt(variance)
+
+
+@dataclass(frozen=True)
+class MapAverage:
+    """Maps with several kernels, to correct the map with one of them for what is not known of the kernel.
+
+    Parameters
+    ----------
+    reference : MapFields
+        Coarse map with the kernel of the map that is corrected.
+    others : tuple of MapFields
+        Coarse maps with all kernels.
+    weights : (K,) ndarray
+        Their probabilities.
+    held_out : HeldOut, optional
+        Swaths that the average predicts without their points; None where the drive has fewer than two.
+    """
+
+    reference: MapFields
+    others: tuple[MapFields, ...]
+    weights: FloatArray
+    held_out: HeldOut | None = None
+
+    def applied(self, grid: Grid, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return height and standard deviation (H, W) [m] of a map, averaged over the kernels.
+
+        The variance is the mean of the variances and the variance of the means.
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the map.
+        mean, std : (H, W) ndarray
+            Height and standard deviation with the kernel of the reference [m].
+        """
+        before, claimed = self.reference.fields(grid)
+        every = [one.fields(grid) for one in self.others]
+        heights, deviations = (np.array([fields[k] for fields in every]) for k in (0, 1))
+        average = np.tensordot(self.weights, heights, axes=1)
+        variance = np.tensordot(self.weights, deviations**2 + (heights - average) ** 2, axes=1)
+        return mean + average - before, std * np.sqrt(variance) / claimed
+
 
 _EXTREME = 4.0
 

@@ -1,28 +1,37 @@
-"""Gaussian field on a lattice, updated scan by scan."""
+"""Gaussian field on a lattice, updated scan by scan, and its file.
+
+`FieldLattice` adds the points of a scan to the information of the lattice, estimates the stiffness of the ground while
+running, bounds the surface by lines of sight where the settings say so, and solves for the heights. Its file holds the arrays
+of `FieldState` and the settings, from which a map goes on to the same bytes.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+from pyproj import CRS
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.config import validated
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import MEASURED, RAY_BOUNDED
-from survey.reconstruction.lattice.calibration import LatticeCalibration
+from survey.io.arrays_file import read_arrays, write_arrays
+from survey.reconstruction.lattice.calibration import BoundFactors, LatticeCalibration, RecentPoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
-from survey.reconstruction.lattice.field_file import FieldState, read_field, write_field
-from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
-from survey.reconstruction.lattice.hidden_ground import BoundFactors
-from survey.reconstruction.lattice.recent_points import RecentPoints
-from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
+from survey.reconstruction.lattice.field_posterior import (
+    FieldPosterior,
+    Information,
+    Part,
+    Stiffness,
+    is_small,
+    likeliest,
+)
 from survey.reconstruction.line_of_sight.ceiling import LowestRays, steepness
-from survey.reconstruction.line_of_sight.ghost_returns import ghosts
-from survey.reconstruction.line_of_sight.sight_lines import checked_origins, ends_far_below
+from survey.reconstruction.line_of_sight.returns import checked_origins, ends_far_below, ghosts
 from survey.reconstruction.nodes import (
     LatticeFrame,
     LatticeModel,
@@ -31,12 +40,13 @@ from survey.reconstruction.nodes import (
     require_room,
     sensor_place,
 )
+from survey.reconstruction.terrain_map import MEASURED, RAY_BOUNDED
 from survey.reconstruction.terrain_model import Capabilities, local_datum_m, not_fitted
 
 _METHOD = "field"
 # A growing map takes on so many nodes more than the points need, so that it seldom grows.
 _SPARE_NODES = 16
-_UNTOLD = Stiffness(100.0, 100.0)
+_INITIAL_STIFFNESS = Stiffness(100.0, 100.0)
 
 
 @dataclass(eq=False)
@@ -84,7 +94,7 @@ class FieldLattice(LatticeModel):
     config: FieldLatticeConfig = field(default_factory=FieldLatticeConfig)
     bounds: Bounds | None = None
     here: LatticeFrame | None = field(default=None, init=False, repr=False)
-    stiffness_: Stiffness = field(default=_UNTOLD, init=False)
+    stiffness_: Stiffness = field(default=_INITIAL_STIFFNESS, init=False)
     n_scans_: int = field(default=0, init=False)
     n_ghosts_: int = field(default=0, init=False)
     n_iterations_: int = field(default=0, init=False)
@@ -107,7 +117,7 @@ class FieldLattice(LatticeModel):
         """
         window = self._window(points, None)
         self.here = LatticeFrame(window, local_datum_m(points.z), points.crs, points.vertical_datum)
-        self.stiffness_ = self._given() or _UNTOLD
+        self.stiffness_ = self._given() or _INITIAL_STIFFNESS
         self.n_scans_ = self.n_ghosts_ = 0
         self.recent = RecentPoints()
         self._posterior = FieldPosterior.empty(window.shape, self._n_draws(window))
@@ -292,7 +302,7 @@ class FieldLattice(LatticeModel):
 
     @property
     def _learned(self) -> Stiffness | None:
-        return None if self.stiffness_ is _UNTOLD else self.stiffness_
+        return None if self.stiffness_ is _INITIAL_STIFFNESS else self.stiffness_
 
     @property
     def posterior(self) -> FieldPosterior:
@@ -389,3 +399,79 @@ def _is_power_of_two(n: int) -> bool:
 
 
 __all__ = ["FieldLattice"]
+
+
+_FORMAT = "firnline field lattice 2"
+_NOTHING = np.zeros((0, 0, 0))
+
+
+class FieldState(NamedTuple):
+    """Everything that a fitted field lattice is made of."""
+
+    config: FieldLatticeConfig
+    bounds: Bounds | None
+    where: LatticeFrame
+    posterior: FieldPosterior
+    stiffness: Stiffness
+    recent: RecentPoints
+    n_scans: int
+    n_ghosts: int
+    rays: LowestRays | None
+
+
+def write_field(path: str | Path, model: FieldState) -> None:
+    """Write a fitted model; equal models give equal bytes."""
+    here, known = model.where, model.posterior
+    window, information = here.window, known.information
+    facts = {
+        "config": model.config.model_dump(),
+        "bounds": model.bounds,
+        "window": [window.step_m, window.west, window.south, window.rows, window.columns],
+        "datum_m": here.datum_m,
+        "crs": here.crs.to_wkt(),
+        "vertical_datum": here.vertical_datum,
+        "stiffness": list(model.stiffness),
+        "n_scans": model.n_scans,
+        "n_ghosts": model.n_ghosts,
+        "n_points": information.n_points,
+        "lengths": [len(scan) for scan in model.recent.scans],
+    }
+    arrays = {
+        "stencil": information.stencil,
+        "rhs": information.rhs,
+        "draws": information.draws,
+        "moments": information.moments,
+        "z": known.z,
+        "soft": _NOTHING if known.soft is None else known.soft,
+        "recent": np.concatenate(model.recent.scans),
+        "rays": _NOTHING if model.rays is None else np.stack([model.rays.height, model.rays.offset]),
+    }
+    write_arrays(path, _FORMAT, facts, arrays)
+
+
+def read_field(path: str | Path) -> FieldState:
+    """Read what `write_field` wrote.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged or no field lattice.
+    """
+    facts, arrays = read_arrays(path, _FORMAT)
+    config = validated(FieldLatticeConfig, facts["config"], "the field lattice's settings")
+    window = NodeWindow(*facts["window"])
+    information = Information(
+        arrays["stencil"], arrays["rhs"], arrays["draws"], arrays["moments"], facts["n_points"]
+    )
+    ends = np.cumsum(facts["lengths"])[:-1]
+    return FieldState(
+        config,
+        tuple(facts["bounds"]) if facts["bounds"] else None,
+        LatticeFrame(window, facts["datum_m"], CRS.from_wkt(facts["crs"]), facts["vertical_datum"]),
+        FieldPosterior(information, arrays["z"], arrays["soft"] if arrays["soft"].size else None),
+        Stiffness(*facts["stiffness"]),
+        RecentPoints(np.split(arrays["recent"], ends)),
+        facts["n_scans"],
+        facts["n_ghosts"],
+        LowestRays(*arrays["rays"]) if arrays["rays"].size else None,
+    )

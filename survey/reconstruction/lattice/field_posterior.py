@@ -1,23 +1,333 @@
-"""The posterior of a field lattice: heights, their standard deviation, and surfaces drawn from it."""
+r"""Gaussian Markov random field on a lattice: information of the points, likelihood of the stiffness, and posterior.
 
-from collections.abc import Iterator
+The prior of the heights z about a plane is that of a thin plate on an elastic bed,
+
+.. math::  E(z) = \tfrac{\kappa}{2} \int \big( (k^2 - \Delta) z \big)^2 dA, \qquad k = \sqrt 8 / \rho
+
+a Gaussian field of Matérn smoothness 1 (Lindgren, Rue and Lindström 2011): κ is the
+stiffness, without a unit, and ρ the range [m] at which the correlation has fallen to about 0.1.
+
+`Information` holds the points of all scans, summed into a stencil to which more can be added. `likeliest` estimates
+stiffness, range and the scale of the sensor's errors by maximum likelihood on patches of the lattice. `FieldPosterior`
+gives heights, their standard deviation, and surfaces drawn from the posterior.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg import cho_solve_banded, solve_banded
+from scipy.optimize import minimize_scalar
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
+from survey.reconstruction.lattice import stencil as kernel
+from survey.reconstruction.lattice import stencil as point_sums
 from survey.reconstruction.lattice.config import FieldLatticeConfig
-from survey.reconstruction.lattice.information import Information, plane_heights
-from survey.reconstruction.lattice.multigrid import stencil as kernel
-from survey.reconstruction.lattice.multigrid.banded import band_cholesky, band_of, exact_variance
-from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.multigrid.solver import FREE, Operator, Rim, VCyclePreconditioner, solve
-from survey.reconstruction.lattice.stiffness import Stiffness
+from survey.reconstruction.lattice.solver import (
+    FREE,
+    Ceiling,
+    Operator,
+    Rim,
+    VCyclePreconditioner,
+    band_cholesky,
+    band_of,
+    exact_variance,
+    log_determinant,
+    solve,
+    solve_below,
+)
+from survey.reconstruction.lattice.stencil import EAST, NORTH, NORTH_EAST, NORTH_WEST, Draws, Weights, apply
 from survey.reconstruction.nodes import NodeWindow
+
+
+@dataclass(eq=False)
+class Information:
+    r"""The data's part of the posterior, in information form.
+
+    A point at lattice coordinates (u, v) sees the surface through the four weights h of
+    bilinear interpolation, so scans add up, whatever their order:
+
+    .. math::  S = \sum_i h_i h_i^T / \sigma_i^2, \qquad b = \sum_i h_i z_i / \sigma_i^2
+
+    Parameters
+    ----------
+    stencil : (5, H, W) ndarray
+        S as each node's own weight and its couplings east, north, north-east, north-west.
+    rhs : (H, W) ndarray
+        b, of heights above the local datum.
+    draws : (H, W, K) ndarray of float32
+        K sums of measurement errors drawn at random; their covariance is S.
+    moments : (3, 4) ndarray
+        Σ w t tᵀ and Σ w t z with t = (1, u, v): what the best plane is made of.
+    n_points : int
+        How many points are in it.
+    """
+
+    stencil: FloatArray
+    rhs: FloatArray
+    draws: Draws
+    moments: FloatArray
+    n_points: int = 0
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int], n_draws: int) -> Self:
+        """Return the sums over no points."""
+        draws = np.zeros((*shape, n_draws), dtype=np.float32)
+        return cls(np.zeros((5, *shape)), np.zeros(shape), draws, np.zeros((3, 4)))
+
+    def add(self, points: FloatArray) -> None:
+        """Add points (N, 4): lattice coordinates u and v, height above the datum [m] and weight 1/σ² [1/m²]."""
+        self.n_points += len(points)
+        point_sums.add_points(points, self.stencil, self.rhs, self.draws, self.n_points)
+        point_sums.add_moments(points, self.moments)
+
+    def carried(self, new: NodeWindow, old: NodeWindow, z: FloatArray) -> "Information":
+        """Return the sums on another window.
+
+        Points between nodes that stay and nodes that are left behind keep their pull on the
+        former, with the latter where they stand now (`z`, (H, W) [m]).
+        """
+        kept = new.within(old)
+        leaving = z.copy()
+        leaving[kept] = 0.0
+        rhs = self.rhs
+        if leaving.size > leaving[kept].size:
+            pulled = np.empty_like(z)
+            apply(self.stencil, (0.0, 0.0, 0.0), np.zeros((0, 0, 0)), leaving, pulled)
+            rhs = rhs - pulled
+        draws = np.zeros((*new.shape, self.draws.shape[2]), dtype=np.float32)
+        draws[old.within(new)] = self.draws[kept]
+        stencil, rhs = _without_loose_ends(new.carried(self.stencil, old)), new.carried(rhs, old)
+        moments = np.zeros((3, 4))
+        point_sums.add_moments_of_sums(stencil, rhs, moments)
+        return Information(stencil, rhs, draws, moments, self.n_points)
+
+    def part(self, rows: slice, columns: slice) -> tuple[FloatArray, FloatArray]:
+        """Return stencil and right-hand side of a part of the window."""
+        return np.ascontiguousarray(self.stencil[:, rows, columns]), self.rhs[rows, columns].copy()
+
+    def plane(self) -> FloatArray:
+        """Return the best plane (3,): height [m] at node (0, 0) and rise [m] per step eastwards and northwards.
+
+        Where the points determine no slope, it is level.
+        """
+        total = self.moments[0, 0]
+        if total <= 0:
+            return np.zeros(3)
+        mean = self.moments[0] / total
+        spread = self.moments[1:, 1:3] / total - np.outer(mean[1:3], mean[1:3])
+        lean = self.moments[1:, 3] / total - mean[1:3] * mean[3]
+        slope = _inverse_of_spread(spread) @ lean
+        return np.array([mean[3] - slope @ mean[1:3], *slope])
+
+
+def _inverse_of_spread(spread: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse of a covariance of places; across a line of points it is 0."""
+    trace = spread[0, 0] + spread[1, 1]
+    determinant = spread[0, 0] * spread[1, 1] - spread[0, 1] ** 2
+    # A hundredth of a step across or less determines no slope.
+    if trace < 1e-4:
+        return np.zeros((2, 2))
+    if determinant < 1e-6 * trace**2:
+        along: FloatArray = spread / trace**2
+        return along
+    turned = np.array([[spread[1, 1], -spread[0, 1]], [-spread[0, 1], spread[0, 0]]])
+    inverse: FloatArray = turned / determinant
+    return inverse
+
+
+def plane_heights(plane: FloatArray, rows: slice, columns: slice) -> FloatArray:
+    """Return the heights [m] of a plane on a part of the nodes."""
+    u, v = np.arange(columns.start, columns.stop), np.arange(rows.start, rows.stop)
+    heights: FloatArray = plane[0] + plane[1] * u + plane[2] * v[:, None]
+    return heights
+
+
+def _without_loose_ends(stencil: FloatArray) -> FloatArray:
+    """Cut couplings to nodes beyond the window, in place."""
+    stencil[EAST, :, -1] = 0.0
+    stencil[NORTH, -1] = 0.0
+    stencil[NORTH_EAST, -1], stencil[NORTH_EAST, :, -1] = 0.0, 0.0
+    stencil[NORTH_WEST, -1], stencil[NORTH_WEST, :, 0] = 0.0, 0.0
+    return stencil
+
+
+# Patches of nodes from which it is learned: the ones with most points, side by side.
+PATCH_NODES = 32
+"""Nodes along a side of a patch."""
+_N_PATCHES = 6
+_LEAST_POINTS = 60
+_RANGES_IN_STEPS = (400.0, 80.0, 40.0, 20.0, 10.0)
+_NOISE_FACTORS = (0.05, 10.0)
+_LOG_WIDTH_FIRST, _LOG_WIDTH_LATER = 7.0, 1.5
+
+
+class Stiffness(NamedTuple):
+    """The prior of the surface and the scale of the errors."""
+
+    stiffness: float
+    """κ, without a unit."""
+    range_m: float
+    """ρ: where the correlation has fallen to about 0.1 [m]."""
+    noise_factor: float = 1.0
+    """Standard deviation of the points over what they state."""
+
+    def weights(self, step_m: float) -> Weights:
+        """Return the weights of plate, membrane and mass on a lattice [1/m²]."""
+        k_squared = 8.0 / self.range_m**2
+        plate = self.stiffness / step_m**2
+        return plate, 2.0 * self.stiffness * k_squared, self.stiffness * k_squared**2 * step_m**2
+
+    def prior_std_m(self) -> float:
+        """Return the standard deviation of a height about the plane where nothing is known [m]."""
+        return float(self.range_m / np.sqrt(32.0 * np.pi * self.stiffness))
+
+
+class LatticeLikelihood:
+    """The likelihood of points on a small lattice, as a function of stiffness and range.
+
+    Parameters
+    ----------
+    points : (N, 4) ndarray
+        Lattice coordinates, height [m] and weight [1/m²].
+    shape : (2,) tuple of int
+        Rows and columns of the lattice.
+    step_m : float
+        Distance between its nodes [m].
+    """
+
+    def __init__(self, points: FloatArray, shape: tuple[int, int], step_m: float) -> None:
+        self._step_m = step_m
+        information = Information.empty(shape, 0)
+        information.add(points)
+        plane = information.plane()
+        height = points[:, 2] - (plane[0] + points[:, :2] @ plane[1:])
+        information = Information.empty(shape, 0)
+        information.add(np.column_stack([points[:, :2], height, points[:, 3]]))
+        self._rhs = information.rhs.ravel()
+        self.n_points, self._energy = len(points), float(np.sum(points[:, 3] * height**2))
+        self._data_band = band_of(Operator(information.stencil, (0.0, 0.0, 0.0)))
+
+    def __call__(self, log_ratio: float, range_m: float) -> tuple[float, float]:
+        r"""Return the two parts of the likelihood that know the heights.
+
+        With the ratio λ = κ s² of stiffness and squared noise factor,
+
+        .. math::  2 \log p = \underbrace{m \log\lambda + \log|Q_0| - \log|\lambda Q_0 + S|}_D
+            - N \log s^2 - F / s^2 + \mathrm{const}
+
+        where :math:`F = z^T R^{-1} z - b^T (\lambda Q_0 + S)^{-1} b`, m counts the nodes, and Q₀ is the
+        prior's matrix at κ = 1. Returned are D and F.
+        """
+        band, log_prior = _prior_band(range_m, self._step_m)
+        factor = band_cholesky(self._data_band + np.exp(log_ratio) * band)
+        z = cho_solve_banded((factor, True), self._rhs, check_finite=False)
+        misfit = max(self._energy - float(np.sum(self._rhs * z)), 1e-12)
+        return band.shape[1] * log_ratio + log_prior - log_determinant(factor), misfit
+
+
+@lru_cache(maxsize=32)
+def _prior_band(range_m: float, step_m: float) -> tuple[FloatArray, float]:
+    """Return the prior's matrix on a patch at κ = 1, as a band, and its log determinant."""
+    nothing = np.zeros((1, PATCH_NODES, PATCH_NODES))
+    band = band_of(Operator(nothing, Stiffness(1.0, range_m).weights(step_m)))
+    return band, log_determinant(band_cholesky(band))
+
+
+class _Joint:
+    """The likelihood of several patches, at the noise factor that makes it largest."""
+
+    def __init__(self, patches: Sequence[LatticeLikelihood]) -> None:
+        self._patches = patches
+        self._n = sum(patch.n_points for patch in patches)
+
+    def noise_factor(self, misfit: float) -> float:
+        """Return s² = F/N, within bounds."""
+        return float(np.clip(np.sqrt(misfit / self._n), *_NOISE_FACTORS))
+
+    def __call__(self, log_ratio: float, range_m: float) -> tuple[float, float]:
+        """Return the log likelihood and the noise factor."""
+        determinants, misfit = np.sum([patch(log_ratio, range_m) for patch in self._patches], axis=0)
+        noise_factor = self.noise_factor(misfit)
+        twice = determinants - 2.0 * self._n * np.log(noise_factor) - misfit / noise_factor**2
+        return 0.5 * float(twice), noise_factor
+
+
+def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
+    """Return the likeliest stiffness, range and noise factor; None when the points are too few.
+
+    Parameters
+    ----------
+    points : (N, 4) ndarray
+        Easting and northing [m], height above a local datum [m], weight 1/σ² [1/m²].
+    step_m : float
+        Distance between the lattice's nodes [m].
+    start : Stiffness, optional
+        What was likeliest before; near it the search is short.
+    """
+    patches = [LatticeLikelihood(*patch, step_m) for patch in _fullest(points, step_m)]
+    return likeliest_of(patches, [step_m * n for n in _RANGES_IN_STEPS], start) if patches else None
+
+
+def likeliest_of(
+    patches: Sequence[LatticeLikelihood], ranges: Sequence[float], start: Stiffness | None = None
+) -> Stiffness:
+    """Return the stiffness, range and noise factor that are likeliest on all patches.
+
+    Parameters
+    ----------
+    patches : sequence of LatticeLikelihood
+        Patches of 32 × 32 nodes.
+    ranges : sequence of float
+        Ranges to try [m].
+    start : Stiffness, optional
+        What was likeliest before; near it the search is short.
+    """
+    joint = _Joint(patches)
+    if start is None:
+        centre, width = np.log(1000.0), _LOG_WIDTH_FIRST
+    else:
+        centre, width = np.log(start.stiffness * start.noise_factor**2), _LOG_WIDTH_LATER
+        k = int(np.argmin(np.abs(np.log(np.array(ranges) / start.range_m))))
+        ranges = ranges[max(k - 1, 0) : k + 2]
+    _, log_ratio, range_m = max(_likeliest_at(joint, centre, width, range_m) for range_m in ranges)
+    noise_factor = joint(log_ratio, range_m)[1]
+    return Stiffness(float(np.exp(log_ratio)) / noise_factor**2, range_m, noise_factor)
+
+
+def _likeliest_at(joint: _Joint, centre: float, width: float, range_m: float) -> tuple[float, float, float]:
+    """Return the largest log likelihood at one range, the logarithm of κ s² there, and the range."""
+    found = minimize_scalar(
+        lambda log_ratio: -joint(log_ratio, range_m)[0],
+        bounds=(centre - width, centre + width),
+        method="bounded",
+        options={"xatol": 0.15},
+    )
+    return -float(found.fun), float(found.x), range_m
+
+
+def _fullest(points: FloatArray, step_m: float) -> list[tuple[FloatArray, tuple[int, int]]]:
+    """Return the points, in lattice coordinates, and the shape of the patches in which most nodes have points."""
+    cells = np.floor(points[:, :2] / step_m).astype(np.int64)
+    side = PATCH_NODES - 1
+    first = cells.min(axis=0)
+    patch = (cells - first) // side
+    occupied = np.unique(np.column_stack([patch, cells]), axis=0)
+    patches, n_cells = np.unique(occupied[:, :2], axis=0, return_counts=True)
+    found = []
+    for k in np.argsort(-n_cells, kind="stable")[:_N_PATCHES]:
+        inside = (patch == patches[k]).all(axis=1)
+        if inside.sum() >= _LEAST_POINTS:
+            west, south = (first + patches[k] * side).tolist()
+            window = NodeWindow(step_m, west, south, PATCH_NODES, PATCH_NODES)
+            uv = window.coordinates(points[inside, :2])
+            found.append((np.column_stack([uv, points[inside, 2:]]), window.shape))
+    return found
+
 
 # Up to so many multiplications the inverse's diagonal is computed exactly.
 _EXACT_WORK = 6e8

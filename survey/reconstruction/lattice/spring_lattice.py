@@ -11,13 +11,13 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.config import validated
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.lattice.config import SpringLatticeConfig
-from survey.reconstruction.lattice.multigrid.solver import Operator, solve
+from survey.reconstruction.lattice.solver import Operator, solve
 from survey.reconstruction.nodes import LatticeFrame, LatticeModel, NodeWindow, require_room, sensor_place
 from survey.reconstruction.terrain_model import Capabilities, local_datum_m
 

@@ -29,7 +29,7 @@ def _begin(settings: ScanSettings) -> "SpaceCarvingKernel":
 
 def _check_cover(settings: ScanSettings) -> None:
     """Refuse kernels that do not fit into memory."""
-    from survey.reconstruction.carving.room import require_room
+    from survey.reconstruction.carving.config import require_room
 
     if settings.bounds is None:
         return

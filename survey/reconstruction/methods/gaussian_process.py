@@ -1,16 +1,23 @@
-"""Gaussian processes with independent errors: the Fourier engine (gp) and the dense one (dense)."""
+"""Gaussian processes with independent errors: the Fourier engine (gp) and the dense one (dense).
+
+A map from points alone gets larger standard deviations far beyond them, and a fitted map around a prior subtracts the
+prior's estimated errors first. Every map that was not divided into tiles claims the posterior of its error.
+"""
 
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+import numpy as np
+
+from survey.core.crs import same_crs, same_vertical_datum
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
+from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.fit import Learned
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.gp.process import EngineName
 from survey.reconstruction.method import (
@@ -20,6 +27,7 @@ from survey.reconstruction.method import (
     ScanSettings,
     config_of,
 )
+from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
 
 
 def check_length_scale(settings: ScanSettings) -> None:
@@ -30,9 +38,7 @@ def check_length_scale(settings: ScanSettings) -> None:
 
 
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
-    from survey.reconstruction.gp.claimed_error import with_claim
-    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.reconstruction.gp.progress.map_watch import MapWatch
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
     config, prior, facts = _with_estimated_prior(task)
     watch = MapWatch(task.grid, task.progress)
@@ -51,7 +57,7 @@ def _with_estimated_prior(
     task: MappingTask,
 ) -> tuple[GaussianProcessConfig, Dem | Mean | None, dict[str, Any]]:
     """Return the settings, the prior less its estimated errors, and their record; a stated kernel takes a prior as exact."""
-    from survey.reconstruction.gp.estimated_prior import estimated_prior
+    from survey.reconstruction.gp.mean import estimated_prior
 
     config, errors = task.config(GaussianProcessConfig), task.config(JointConfig).satellite
     prior = task.prior
@@ -84,3 +90,29 @@ DENSE = ReconstructionMethod(
     maps_values=True,
     check=check_length_scale,
 )
+
+
+def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None) -> Reconstruction:
+    """Return a map with the posterior of its error in the record; maps in tiles have no joint covariance, and none.
+
+    Parameters
+    ----------
+    result : Reconstruction
+        Map of the fitted model.
+    learned : Learned
+        State of the model.
+    area : SurveyArea, optional
+        Ground of which the error is claimed; the grid by default.
+    """
+    grid, std = result.mean.grid(), result.std.elevation
+    inside = np.isfinite(std)
+    if area is not None:
+        inside &= area.contains(grid.xy).reshape(grid.shape)
+    if learned.process.divides_site or not inside.any():
+        return result
+    rows = sampled_nodes(inside)
+    covariance = learned.process.joint_covariance(grid.xy[rows])
+    covariance[np.diag_indices(len(rows))] += learned.found.nugget_m**2
+    untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
+    claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
+    return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})

@@ -1,1 +1,5 @@
-"""Surveys on moving ice: reduction of recordings to an epoch, velocity from stakes, and the age of a map."""
+"""Surveys on moving ice.
+
+`priors` and `stakes` give the velocity of the ice, `refinement` its update by a joint estimate, and `epoch` reduces
+recordings, paths and maps to an epoch and states the age of a map.
+"""

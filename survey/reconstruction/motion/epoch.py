@@ -1,6 +1,17 @@
-"""Maps of moving ice at other epochs than that of their survey, and maps with their age."""
+r"""Reduction of maps, recordings, paths and routes on moving ice to an epoch, and the age of a map.
+
+Used as it is, a map errs after a time τ by the change of the surface at each place,
+
+.. math::  e(x, \tau) = e(x, 0) - \tau (g \cdot v + a)
+
+with g the slope of the map, v the velocity and a the lowering, whose errors count too. `MapAge` states how this error
+grows, `with_age` adds it to a map, and `at_epoch` moves a map to another epoch instead. `in_ice_frame` reduces a
+recording to one epoch, and `in_fixed_frame` and `route_on_ice` move paths and routes between fixed coordinates and
+those of the ice.
+"""
 
 from dataclasses import replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +19,132 @@ import numpy.typing as npt
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.data.ice.motion import IceMotion
-from survey.reconstruction.base import CHECK, CLAIM, ELEVATION, UNSEEN, Reconstruction
-from survey.reconstruction.motion.map_age import AGE, MapAge
+from survey.data.ice_motion import DAY_S, IceMotion
+from survey.data.recording import Recording
+from survey.data.route import Route
+from survey.data.sensors.records import Barometer, GpsFixes
+from survey.data.sensors.stakes import Stakes
+from survey.data.trajectory import Trajectory
+from survey.reconstruction.motion.stakes import mean_stakes
+from survey.reconstruction.terrain_map import CHECK, CLAIM, ELEVATION, UNSEEN, Reconstruction
+
+AGE = "map_age"
+"""Name of the age among the diagnostics of a map."""
+
+
+class MapAge(NamedTuple):
+    """RMSE of a map at its epoch, and the growth of its error.
+
+    Parameters
+    ----------
+    epoch_s : float
+        Epoch in seconds of the recording.
+    speed_m_per_day, speed_sigma_m_per_day : float
+        Velocity in the middle of the map and its standard deviation along the flow [m/day].
+    lowering_m_per_day, lowering_sigma_m_per_day : float
+        Lowering there and its standard deviation [m/day].
+    rmse_m : float
+        Claimed RMSE at the epoch [m].
+    growth_m_per_day : float
+        Root mean square change of the surface at fixed places, with its error [m/day].
+    """
+
+    epoch_s: float
+    speed_m_per_day: float
+    speed_sigma_m_per_day: float
+    lowering_m_per_day: float
+    lowering_sigma_m_per_day: float
+    rmse_m: float
+    growth_m_per_day: float
+
+    @classmethod
+    def of(cls, mean: Dem, std: Dem, motion: IceMotion) -> Self:
+        """Return the age of a map.
+
+        Parameters
+        ----------
+        mean, std : Dem
+            Map of the epoch and its standard deviation [m].
+        motion : IceMotion
+            Motion after the map.
+
+        Returns
+        -------
+        MapAge
+            Over the nodes with a height.
+        """
+        east, north = mean.gradient()
+        known = np.isfinite(east) & np.isfinite(north) & np.isfinite(std.elevation)
+        xy = mean.grid().xy[known.ravel()]
+        by_rates = np.column_stack([-east[known], -north[known], np.ones(len(xy))])
+        change = np.sum(by_rates * motion.rates(xy), axis=1)
+        day = motion.derivatives(xy, np.full(len(xy), motion.epoch_s + DAY_S))
+        by = np.einsum("na,nar->nr", by_rates, day)
+        variance = np.einsum("nr,rs,ns->n", by, motion.spread, by)
+        middle = xy.mean(axis=0, keepdims=True)
+        (*velocity, rise), sigma = motion.rates(middle)[0], motion.rates_sigma(middle)[0]
+        return cls(
+            motion.epoch_s,
+            float(np.hypot(*velocity)),
+            float(sigma[:2].max()),
+            float(-rise),
+            float(sigma[2]),
+            float(np.sqrt(np.mean(std.elevation[known] ** 2))),
+            float(np.sqrt(np.mean(change**2 + variance))),
+        )
+
+    def hours_within(self, limit_m: float) -> float:
+        """Return for how long before and after the epoch the RMSE stays below a limit [h].
+
+        Parameters
+        ----------
+        limit_m : float
+            Largest RMSE [m].
+
+        Returns
+        -------
+        float
+            0 where the map exceeds it at its epoch, infinite where the surface does not change.
+
+        Examples
+        --------
+        >>> round(MapAge(0.0, 2.0, 0.1, 0.05, 0.02, 0.3, 0.4).hours_within(0.5), 6)
+        24.0
+        """
+        left = limit_m**2 - self.rmse_m**2
+        if left <= 0.0:
+            return 0.0
+        return (
+            float(24.0 * np.sqrt(left) / self.growth_m_per_day)
+            if self.growth_m_per_day > 0.0
+            else float("inf")
+        )
+
+    def facts(self) -> dict[str, Any]:
+        """Return the numbers by name, for the record.
+
+        Returns
+        -------
+        dict
+            Input of `from_facts`.
+        """
+        return self._asdict()
+
+    @classmethod
+    def from_facts(cls, facts: dict[str, Any]) -> Self:
+        """Return the age of recorded numbers.
+
+        Parameters
+        ----------
+        facts : dict
+            As `facts` returns them.
+
+        Returns
+        -------
+        MapAge
+            Equal to the one recorded.
+        """
+        return cls(**facts)
 
 
 def with_age(result: Reconstruction, motion: IceMotion) -> Reconstruction:
@@ -107,3 +241,125 @@ def _support(result: Reconstruction, from_xy: FloatArray) -> npt.NDArray[np.uint
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     codes = result.support[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
     return np.where(inside, codes, UNSEEN).reshape(grid.shape).astype(np.uint8)
+
+
+def in_ice_frame(recording: Recording, motion: IceMotion) -> Recording:
+    """Return a recording in coordinates that move with the ice, equal to those of the survey at the epoch.
+
+    Odometry, images, sightings and loop closures measure relative to the ice and stay as they are. Fixes, the start, the
+    heights of the barometer and stakes are moved to the epoch. The unknowns of the motion become unknowns of
+    localization: `vision_slam.localize` of the result estimates path, landmarks and motion together, and a map of these
+    landmarks is that of the epoch. `vision_slam.localize_on_ice` does both.
+
+    Parameters
+    ----------
+    recording : Recording
+        In fixed coordinates; a base station stands on rock.
+    motion : IceMotion
+        Prior of the motion, with repeated surveys of stakes in it (`motion_with_stakes`).
+
+    Returns
+    -------
+    Recording
+        With `ice_motion`.
+
+    Notes
+    -----
+    Strain turns and stretches steps of the odometry by some 0.1 % a day, which is left to its errors of scale and
+    heading.
+    """
+    stakes = recording.stakes if recording.stake_surveys is None else mean_stakes(recording.stake_surveys)
+    begin_s = recording.gps.time_s[:1] if recording.odometry is None else recording.odometry.time_s[:1]
+    start = motion.at_epoch(recording.start[None], begin_s)[0]
+    gps = _moved_fixes(recording.gps, motion)
+    return replace(
+        recording,
+        start=start,
+        gps=gps,
+        base=_beside(recording.base, start - recording.start),
+        barometer=_moved_heights(recording.barometer, gps, motion),
+        stakes=_moved_stakes(stakes, motion),
+        ice_motion=motion,
+    )
+
+
+def _moved_fixes(gps: GpsFixes, motion: IceMotion) -> GpsFixes:
+    return replace(gps, position=motion.at_epoch(gps.position, gps.time_s))
+
+
+def _beside(base: GpsFixes | None, shift: FloatArray) -> GpsFixes | None:
+    """Return the fixes of a base station that stands at the start, moved with the start: only their errors matter."""
+    return None if base is None else replace(base, position=base.position + shift)
+
+
+def _moved_heights(barometer: Barometer | None, gps: GpsFixes, motion: IceMotion) -> Barometer | None:
+    """Return the heights of a barometer at the epoch; its place is that of the fixes."""
+    if barometer is None:
+        return None
+    xy = np.column_stack([np.interp(barometer.time_s, gps.time_s, axis) for axis in gps.position[:, :2].T])
+    risen = motion.displacement(xy, barometer.time_s)[:, 2]
+    return replace(barometer, height_m=barometer.height_m - risen)
+
+
+def _moved_stakes(stakes: Stakes | None, motion: IceMotion) -> Stakes | None:
+    """Return stakes at the epoch; those without a time of survey are taken to be of the epoch."""
+    if stakes is None or stakes.time_s is None:
+        return stakes
+    return replace(stakes, position=motion.at_epoch(stakes.position, stakes.time_s))
+
+
+def in_fixed_frame(trajectory: Trajectory, motion: IceMotion) -> Trajectory:
+    """Return a path that was estimated at an epoch in fixed coordinates: each pose where it was at its own time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Path on the ice of the epoch.
+    motion : IceMotion
+        Motion of the ice.
+
+    Returns
+    -------
+    Trajectory
+        Without the error that poses share. The covariance is that on the ice, which that of fixed coordinates does not
+        exceed where fixes hold the path.
+    """
+    moved = motion.displacement(trajectory.position[:, :2], trajectory.time_s)
+    return replace(trajectory, position=trajectory.position + moved, error=None)
+
+
+def route_on_ice(route: Route, motion: IceMotion, speed_m_s: float) -> Route:
+    """Return a route of fixed coordinates as the line that it draws on the ice of an epoch.
+
+    Parameters
+    ----------
+    route : Route
+        Route of one rover, driven at a constant speed from the time 0 on.
+    motion : IceMotion
+        Motion that is expected of the ice.
+    speed_m_s : float
+        Speed [m/s].
+
+    Returns
+    -------
+    Route
+        The same legs; each waypoint where its ice is at the epoch.
+
+    Examples
+    --------
+    >>> from survey.data.route import Leg
+    >>> from survey.reconstruction.motion.priors import uniform_motion
+    >>> flow = uniform_motion((0.0, 8.64), 0.0, velocity_sigma=1.0, lowering_sigma=0.0, epoch_s=0.0)
+    >>> route = Route((Leg("swath", [[0.0, 0.0], [100.0, 0.0]]),), "EPSG:32608", "line")
+    >>> np.round(route_on_ice(route, flow, 0.01).legs[0].xy, 6).tolist()
+    [[0.0, 0.0], [100.0, -1.0]]
+    """
+    legs, begun_m = [], 0.0
+    for leg in route.legs:
+        steps = np.hypot(*np.diff(leg.xy, axis=0).T)
+        time_s = (begun_m + np.r_[0.0, np.cumsum(steps)]) / speed_m_s
+        xyz = np.column_stack([leg.xy, np.zeros(len(leg.xy))])
+        xy = motion.at_epoch(xyz, time_s)[:, :2]
+        legs.append(replace(leg, xy=xy, axis=xy[[0, -1]]))
+        begun_m += leg.length_m
+    return replace(route, legs=tuple(legs))

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs.agreement import same_crs
+from survey.core.crs import same_crs
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 
 # Neighbouring cells of a tracked velocity share their windows: so many cells count as one.
 _CELLS_OF_A_WINDOW = 4.0

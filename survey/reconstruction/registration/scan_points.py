@@ -1,25 +1,197 @@
-"""Surface points from LiDAR scans and an estimated path."""
+"""Surface points from LiDAR scans and an estimated path.
 
-from collections.abc import Iterable
+`registered` places the returns of every scan in the world, compensated for the motion during the scan, and rejects
+outliers. `representatives_of_stretches` takes one return for each cell of ground and visit, and `thinned` retains the best of
+several visits. `scan_points` runs these steps and returns surface points with the covariance that they share through
+the errors of the path.
+"""
+
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.data.scans.returns import SensorScan
-from survey.data.scans.scanner import Scanner
+from survey.data.sensors.lidar import Scanner, SensorScan
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.line_of_sight.ghost_returns import ghosts
+from survey.reconstruction.line_of_sight.returns import LEAST_M, ghosts
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import (
     PathInterpolator,
     covariance_by_pose,
     own_covariance,
 )
-from survey.reconstruction.registration.registered_scans import RegisteredReturns, registered
-from survey.reconstruction.registration.representatives import representatives_of_stretches, thinned
+
+_LEAST_KNOWN_RAD = np.radians(0.5)
+
+
+class RegisteredReturns(NamedTuple):
+    """Returns of one or more scans in the world, with the poses that they were seen from.
+
+    Parameters
+    ----------
+    time_s : (N,) ndarray
+        Times [s].
+    xyz : (N, 3) ndarray
+        Places [m].
+    origin : (N, 3) ndarray
+        Places of the sensor [m].
+    n_returns : (N,) ndarray of int
+        Number of returns that each stands for.
+    """
+
+    time_s: FloatArray
+    xyz: FloatArray
+    origin: FloatArray
+    n_returns: IntArray
+
+    @property
+    def range_m(self) -> FloatArray:
+        """Distances from the sensor (N,) [m]."""
+        distance: FloatArray = np.linalg.norm(self.xyz - self.origin, axis=1)
+        return distance
+
+    def select(self, which: BoolArray | IntArray) -> "RegisteredReturns":
+        """Return some of the returns, by a mask or by their numbers."""
+        return RegisteredReturns(
+            self.time_s[which], self.xyz[which], self.origin[which], self.n_returns[which]
+        )
+
+    @classmethod
+    def joined(cls, parts: list["RegisteredReturns"]) -> "RegisteredReturns":
+        """Return the returns of several scans as one set."""
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def registered(
+    scans: Iterable[SensorScan], poses: PathInterpolator, config: ScanPointsConfig
+) -> Iterator[RegisteredReturns]:
+    """Yield each scan that the path covers in the world, without returns that are too near, too far, or alone.
+
+    Returns from sharp turns, in which the attitude between two poses is not known, are left out too.
+
+    Parameters
+    ----------
+    scans : iterable of SensorScan
+        In the frame of the vehicle, each return at its own time.
+    poses : PathInterpolator
+        Estimated path.
+    config : ScanPointsConfig
+        Nearest and farthest return.
+
+    Yields
+    ------
+    RegisteredReturns
+        One scan with returns.
+    """
+    for scan in scans:
+        distance = np.linalg.norm(scan.xyz - scan.sensor, axis=1)
+        usable = (distance >= config.nearest_m) & (distance <= config.farthest_m)
+        if not usable.any() or not poses.covers(scan.time_s[usable]):
+            continue
+        placed = _in_world(SensorScan(scan.time_s[usable], scan.xyz[usable], scan.sensor), poses)
+        accepted = placed.select(~ghosts(placed.xyz)) if len(placed.time_s) else placed
+        if len(accepted.time_s):
+            yield accepted
+
+
+def _in_world(scan: SensorScan, poses: PathInterpolator) -> RegisteredReturns:
+    """Place every return by the pose at its own time, unless the attitude there is not known; a direction shares its pose."""
+    moments, which = np.unique(scan.time_s, return_inverse=True)
+    at = poses.at(moments)
+    rotation, foot = at.rotation[which], at.position[which]
+    xyz = foot + np.einsum("nij,nj->ni", rotation, scan.xyz)
+    one = np.ones(len(xyz), dtype=np.int64)
+    placed = RegisteredReturns(scan.time_s, xyz, foot + rotation @ scan.sensor, one)
+    return placed.select(at.turn_sigma_rad[which] <= _LEAST_KNOWN_RAD)
+
+
+_STRETCH_M = 5.0
+# Views of one place that are closer to each other on the way share the errors of the path.
+_VISIT_M = 40.0
+# A vehicle that stands still scans the same ground; the memory of a stretch is bounded by this number of scans.
+_MOST_SCANS = 50
+_SIGMAS, _QUARTILES_TO_SIGMA = 4.0, 1.349
+
+
+def representatives_of_stretches(
+    scans: Iterable[RegisteredReturns], config: ScanPointsConfig
+) -> Iterator[RegisteredReturns]:
+    """Yield, for each stretch of 5 m of the way or 50 scans, one return for each cell that has enough of them.
+
+    It is the one nearest to the middle of the cell's returns, of those whose height is usual among them. Its height does
+    not decide, so that the points have the relief of the ground: returns of median height would have less of it, and a
+    map of them would claim too small an error.
+    """
+    stretch: list[RegisteredReturns] = []
+    travelled_m, last = 0.0, None
+    for scan in scans:
+        place = scan.origin[0]
+        travelled_m += 0.0 if last is None else float(np.linalg.norm(place - last))
+        last = place
+        if stretch and (travelled_m >= _STRETCH_M or len(stretch) == _MOST_SCANS):
+            yield _representatives(RegisteredReturns.joined(stretch), config)
+            stretch, travelled_m = [], 0.0
+        stretch.append(scan)
+    if stretch:
+        yield _representatives(RegisteredReturns.joined(stretch), config)
+
+
+def _representatives(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
+    """Return the return of usual height nearest to the middle of the others in each cell."""
+    order, first, count = _by_cell(returns.xyz[:, :2], returns.xyz[:, 2], config.cell_m)
+    xyz, cell = returns.xyz[order], np.repeat(np.arange(len(first)), count)
+    middle = np.column_stack([np.bincount(cell, axis) / count for axis in xyz[:, :2].T])
+    away_m = np.hypot(*(xyz[:, :2] - middle[cell]).T)
+    nearest = np.lexsort((away_m, ~_usual(xyz[:, 2], first, count), cell))[first]
+    enough = count >= config.least_returns
+    return returns.select(order[nearest[enough]])._replace(n_returns=count[enough])
+
+
+def _usual(height: FloatArray, first: IntArray, count: IntArray) -> BoolArray:
+    """Return which heights, in order within each cell, lie within 0.3 m or four standard deviations of its median."""
+    lower, middle, upper = (height[first + (share * count) // 4] for share in (1, 2, 3))
+    allowed = np.maximum(LEAST_M, _SIGMAS * (upper - lower) / _QUARTILES_TO_SIGMA)
+    usual: BoolArray = np.abs(height - np.repeat(middle, count)) <= np.repeat(allowed, count)
+    return usual
+
+
+def best_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
+    """Return the numbers of the return, of those in order of time, that stands for the most others in each cell and visit.
+
+    These are near ones as a rule. Blown snow above ground that the scanner does not see gives few. A visit ends where a
+    cell is not seen over 40 m of the way.
+    """
+    steps = np.r_[0.0, np.linalg.norm(np.diff(returns.origin, axis=0), axis=1)]
+    travel = np.cumsum(steps)
+    order, first, _ = _by_cell(returns.xyz[:, :2], travel, cell_m)
+    begins = np.zeros(len(order), dtype=np.bool_)
+    begins[first] = True
+    begins[1:] |= np.diff(travel[order]) > _VISIT_M
+    visit = np.cumsum(begins)
+    best = np.lexsort((returns.range_m[order], -returns.n_returns[order], visit))
+    chosen = best[np.r_[True, np.diff(visit[best]) > 0]]
+    return np.sort(order[chosen])
+
+
+def thinned(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
+    """Return the best returns of all visits, in cells that grow until there are no more than wanted."""
+    returns = returns.select(np.argsort(returns.time_s, kind="stable"))
+    cell_m = config.cell_m
+    while len(chosen := best_of_visits(returns, cell_m)) > config.most_points:
+        cell_m *= max(1.05, float(np.sqrt(len(chosen) / config.most_points)))
+    return returns.select(chosen)
+
+
+def _by_cell(xy: FloatArray, then: FloatArray, cell_m: float) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the order of points by their cell and by another value, and first place and number of each cell's."""
+    cell = np.floor((xy - xy.min(axis=0)) / cell_m).astype(np.int64)
+    key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
+    order = np.lexsort((then, key))
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    return order, first, count
 
 
 class BeamErrors(NamedTuple):

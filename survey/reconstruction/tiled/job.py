@@ -1,16 +1,66 @@
-"""What every worker of a map in tiles is given: layout, settings and the places of the files between the stages."""
+"""Request of a map in tiles: settings, control points, files between the stages, and checks before work starts.
 
+`TiledConfig` holds the settings, and `TiledJob` all that a worker needs: layout, settings and paths. `tiled_job` makes
+it from point files and an extent, and refuses files without a common projected CRS and vertical datum. `begin` compares the
+request with that of a run that was broken off, and `require_disk` refuses work for which the disk is too full.
+"""
+
+import shutil
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field, model_validator
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
-from survey.reconstruction.tiled.cells.pieces import Piece
-from survey.reconstruction.tiled.config import TiledConfig
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.config import Section
+from survey.core.crs import UNSTATED, datum_of_file, projected_crs, same_crs, same_vertical_datum
+from survey.core.documents import read_json, write_json
+from survey.core.errors import CapacityError, InputError
+from survey.io.point_chunks import PointFileFacts, chunked_files, point_file_facts
+from survey.reconstruction.tiled.cells import Piece, holds_class, pieces_of
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
+
+
+class TiledConfig(Section):
+    """How a large survey is mapped tile by tile.
+
+    Examples
+    --------
+    >>> TiledConfig().tile_cells
+    1000
+    """
+
+    cell_m: float = Field(default=1.0, gt=0)
+    """Side of a cell of the map [m]."""
+    tile_cells: int = Field(default=1000, ge=64, le=4000)
+    """Cells along a side of a tile."""
+    halo_cells: int = Field(default=96, ge=16, le=512)
+    """Cells beyond the edge of a tile whose points count in its solution."""
+    coarse_cells: int = Field(default=20, ge=4, le=64)
+    """Cells along a side of a block of the long relief."""
+    strip_offset_m: float = Field(default=0.2, gt=0)
+    """Expected size of the offset of a strip, before the survey's own strips are compared [m]."""
+    strip_tilt_m: float = Field(default=0.1, gt=0)
+    """Expected size of the error that a strip's tilt makes at its end, before the comparison [m]."""
+    withheld_share: float = Field(default=0.01, gt=0, le=0.2)
+    """Share of the cells that are withheld from the map to test it."""
+    n_draws: int = Field(default=24, ge=8, le=64)
+    """Draws from which the standard deviation is taken."""
+    ground_class: int = Field(default=2, ge=0, le=255)
+    """Class of ground points; files without any such point are used entirely, noise (7 and 18) excepted."""
+
+    @model_validator(mode="after")
+    def _blocks_divide_tiles(self) -> Self:
+        if self.tile_cells % self.coarse_cells:
+            raise ValueError(
+                f"tile_cells {self.tile_cells} is no multiple of coarse_cells {self.coarse_cells}; change one of them"
+            )
+        return self
 
 
 class Control(NamedTuple):
@@ -106,3 +156,179 @@ def load_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
     """Return the arrays of a file between the stages."""
     with np.load(path) as stored:
         return {name: stored[name] for name in stored.files}
+
+
+_ENDS_BYTES = 65_536
+
+
+def tiled_job(
+    sources: Sequence[Path],
+    folder: Path,
+    config: TiledConfig,
+    *,
+    crs: Any = None,
+    bounds: Bounds | None = None,
+    control: Control | None = None,
+) -> TiledJob:
+    """Return the request of a map of point files, checked.
+
+    Parameters
+    ----------
+    sources : sequence of pathlib.Path
+        Point files and folders of them: LAS, LAZ, COPC, PLY, Parquet.
+    folder : pathlib.Path
+        Folder of the map.
+    config : TiledConfig
+        Settings.
+    crs : str or pyproj.CRS, optional
+        Of files that state none.
+    bounds : (xmin, ymin, xmax, ymax), optional
+        Extent of the map [m]; that of the points by default.
+    control : Control, optional
+        Control points.
+
+    Returns
+    -------
+    TiledJob
+        What `map_in_tiles` runs.
+
+    Raises
+    ------
+    InputError
+        Files that are damaged, empty, in other CRSs or in none.
+    CapacityError
+        More tiles than can be numbered.
+    """
+    files = chunked_files(list(sources))
+    facts = [point_file_facts(file) for file in files]
+    common, datum = _common_crs(files, facts, crs)
+    layout = TileLayout.over(bounds or _bounds(facts), config.cell_m, config.tile_cells)
+    pieces = []
+    for number, (file, own) in enumerate(zip(files, facts, strict=True)):
+        ground = config.ground_class if holds_class(file, own.n_points, config.ground_class) else None
+        pieces += pieces_of(file.absolute(), number, own.n_points, ground)
+    return TiledJob(
+        layout, config, folder.absolute(), tuple(pieces), common.to_wkt(), datum, control or Control.none()
+    )
+
+
+def _bounds(facts: Sequence[PointFileFacts]) -> Bounds:
+    each = np.array([own.bounds for own in facts])
+    low, high = each[:, :2].min(axis=0), each[:, 2:].max(axis=0)
+    # A point upon the edge of the last cell belongs to the map.
+    return float(low[0]), float(low[1]), float(high[0]) + 1e-6, float(high[1]) + 1e-6
+
+
+def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: Any) -> tuple[CRS, str]:
+    """Return the projected CRS of all files and their vertical datum."""
+    found: CRS | None = None
+    datum = UNSTATED
+    for file, own in zip(files, facts, strict=True):
+        stated = own.crs if own.crs is not None else given
+        if stated is None:
+            raise InputError(f"the point file {file} names no CRS; give it with --crs.")
+        stated_crs = CRS.from_user_input(stated)
+        own_crs = projected_crs(stated_crs, f"the point file {file}")
+        own_datum = datum_of_file(own.vertical_datum, stated_crs, f"the point file {file}")
+        found = own_crs if found is None else found
+        same_crs(found, own_crs, f"{files[0]} and {file}")
+        same_vertical_datum(datum, own_datum, f"{file} and the files before it")
+        datum = datum or own_datum
+    if found is None:
+        raise InputError("there is no point file; name at least one.")
+    return found, datum
+
+
+def begin(job: TiledJob) -> int:
+    """Make the folders of the work, or check that they hold the same request; return the disk space needed [bytes].
+
+    Raises
+    ------
+    InputError
+        The folder holds the work of another request.
+    CapacityError
+        The disk is too full.
+    """
+    stated = _stated(job)
+    file = job.work / "request.json"
+    if file.exists() and read_json(file, "the request of the map") != stated:
+        raise InputError(
+            f"{job.folder} holds a part of another map (its points or settings differ); go on with the same command, or add --force."
+        )
+    for name in ("sorted", "cells", "summaries", "withheld"):
+        (job.work / name).mkdir(parents=True, exist_ok=True)
+    (job.folder / "tiles").mkdir(exist_ok=True)
+    extent = job.layout.extent
+    n_points = 0 if file.exists() else sum(piece.n for piece in job.pieces)
+    needed = require_disk(job.folder, n_points, extent.rows * extent.columns)
+    write_json(file, stated)
+    return needed
+
+
+def _stated(job: TiledJob) -> dict[str, Any]:
+    """Return what must be the same for the work to go on."""
+    files = {piece.file: None for piece in job.pieces}
+    return {
+        "settings": job.config.model_dump(mode="json"),
+        "cells": list(job.layout.extent),
+        "crs": job.crs,
+        "prior": job.prior,
+        "files": {file: fingerprint(Path(file)) for file in files},
+        "control": f"{zlib.crc32(np.column_stack([*job.control.xyz.T, job.control.sigma_m]).tobytes()):08x}",
+    }
+
+
+def fingerprint(file: Path) -> str:
+    """Return size and checksum of the beginning and the end of a file."""
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        crc = zlib.crc32(stream.read(_ENDS_BYTES))
+        stream.seek(max(size - _ENDS_BYTES, 0))
+        crc = zlib.crc32(stream.read(_ENDS_BYTES), crc)
+    return f"{size}:{crc:08x}"
+
+
+_BYTES_PER_POINT = 16
+# Cells with their strips, solutions and maps of a tile, beside the sorted points.
+_BYTES_PER_CELL = 90
+
+
+def disk_bytes(n_points: int, n_cells: int) -> int:
+    """Return the disk space that sorted points and cells take.
+
+    Examples
+    --------
+    >>> disk_bytes(1_000_000_000, 100_000_000)
+    25000000000
+    """
+    return n_points * _BYTES_PER_POINT + n_cells * _BYTES_PER_CELL
+
+
+def require_disk(folder: Path, n_points: int, n_cells: int) -> int:
+    """Return the disk space that the work takes, or refuse one that is not free.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        An existing folder on the disk.
+    n_points, n_cells : int
+        Points of the survey and cells of the map.
+
+    Returns
+    -------
+    int
+        Bytes.
+
+    Raises
+    ------
+    CapacityError
+        Less space is free.
+    """
+    needed = disk_bytes(n_points, n_cells)
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise CapacityError(
+            f"the work takes {needed / 1e9:.3g} GB of disk for {n_points:,} points and {n_cells:,} cells, and {free / 1e9:.3g} GB "
+            f"are free at {folder}; free space, or choose another disk with --out."
+        )
+    return needed

@@ -18,15 +18,12 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
-from survey.reconstruction.tiled.cells.sorting import present_tiles, sort_piece, sorted_points
-from survey.reconstruction.tiled.job import TiledJob
+from survey.reconstruction.tiled.cells import present_tiles, sort_piece, sorted_points
+from survey.reconstruction.tiled.global_parameters import Learnt, Run, learn, read_shared, solve_shared
+from survey.reconstruction.tiled.job import TiledJob, begin
 from survey.reconstruction.tiled.layout import MapTile
-from survey.reconstruction.tiled.relief.learning import Run, learn
-from survey.reconstruction.tiled.relief.shared import Learnt, read_shared, solve_shared
-from survey.reconstruction.tiled.relief.tile_map import map_tile
-from survey.reconstruction.tiled.request import begin
-from survey.reconstruction.tiled.results import TiledResult, write_results
 from survey.reconstruction.tiled.summaries import summarise
+from survey.reconstruction.tiled.tile_map import TiledResult, map_tile, write_results
 
 
 def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) -> TiledResult:
@@ -35,7 +32,7 @@ def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) 
     Parameters
     ----------
     job : TiledJob
-        From `survey.reconstruction.tiled.request.tiled_job`.
+        From `survey.reconstruction.tiled.job.tiled_job`.
     run : callable
         Runs a function on pieces, in any order, such as what `survey.core.executors.open_workers` yields.
     progress : callable

@@ -6,9 +6,8 @@ from functools import cache
 from importlib.resources import files
 
 from survey.core.errors import ConfigError
-from survey.scoring.standards.findings import NOT_ASSESSED, Assessment
-from survey.scoring.standards.formulas import Z95
-from survey.scoring.standards.standards import ASPRS_2014, EDITION_2, NMAS
+from survey.scoring.standards.assessment import NOT_ASSESSED, Assessment
+from survey.scoring.standards.standards import ASPRS_2014, EDITION_2, NMAS, Z95
 
 LANGUAGES = ("en", "de")
 """Languages for which there is a template beside this module."""

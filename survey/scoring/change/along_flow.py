@@ -21,9 +21,8 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.motion.priors import plastic_thickness_m
-from survey.scoring.change.results import AlongFlow, Change, FlowBalance, VolumeChange
-from survey.scoring.change.unchanged_ground import ComparedGround
-from survey.scoring.motion.displacements import DisplacementField
+from survey.scoring.change.displacements import DisplacementField
+from survey.scoring.change.volume_change import AlongFlow, Change, ComparedGround, FlowBalance, VolumeChange
 
 # Nodes on which the displacement and its covariance are evaluated, about.
 _MOST_NODES = 900

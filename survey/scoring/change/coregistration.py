@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.core.crs import same_crs, same_vertical_datum
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 

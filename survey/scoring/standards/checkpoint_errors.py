@@ -1,4 +1,10 @@
-"""Errors of a map at checkpoints, and the spread of the checkpoints over the area."""
+"""Errors of a map at checkpoints: their spread over the area, the interval of their RMSE, and conditions on them.
+
+`compare` takes map minus checkpoint where the map gives a height. `Spread` measures how the checkpoints are
+distributed over the area. `RmseInterval` is the 95 % interval of the RMSE: by the quantiles of χ², or by
+bootstrap where the errors are biased. The functions at the end return the conditions of a standard that the
+checkpoints do not meet, and errors to investigate, such as blunders and heights in feet.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -6,15 +12,24 @@ from typing import Any, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import gammaincinv
 
 from survey.core.arrays import BoolArray, FloatArray, frozen
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
+from survey.core.crs import UNSTATED, same_crs, same_vertical_datum
 from survey.core.errors import InputError
+from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.scoring.covered_area import covered_share
+from survey.scoring.coverage import covered_share
 from survey.scoring.standards.checkpoints import Checkpoints
+from survey.scoring.standards.standards import (
+    ASPRS_2014,
+    FOOT_M,
+    LEAST_COVERED,
+    Standard,
+    checkpoints_2014,
+    checkpoints_edition_2,
+)
 
 
 @dataclass(frozen=True)
@@ -233,3 +248,220 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         None if checkpoints.map_xy is None else frozen((checkpoints.map_xy - checkpoints.xy)[used]),
         None if checkpoints.map_xy is None else frozen(checkpoints.sigma_xy_m[used]),
     )
+
+
+# A mean farther from 0 than this many of its standard errors counts as a bias.
+_BIASED = 1.959964
+_N_RESAMPLES = 4000
+
+
+def rmse_factors(n: int, level: float = 0.95) -> tuple[float, float]:
+    r"""Return what an observed RMSE is to be multiplied by for the ends of its interval.
+
+    .. math::  \sqrt{n / \chi^2_{n,\,1-\alpha/2}} \quad\text{and}\quad \sqrt{n / \chi^2_{n,\,\alpha/2}}
+
+    for normal, independent errors without bias. With n − 1 in place of n on both sides it is
+    the interval of a standard deviation.
+
+    Examples
+    --------
+    >>> [round(factor, 4) for factor in rmse_factors(20)]
+    [0.7651, 1.4441]
+    """
+    if n < 1 or not 0.0 < level < 1.0:
+        raise InputError(f"an interval at the level {level} of {n} errors does not exist; give one or more.")
+    tail = 0.5 * (1.0 - level)
+    low, high = 2.0 * gammaincinv(0.5 * n, [1.0 - tail, tail])  # quantiles of χ²
+    return float(np.sqrt(n / low)), float(np.sqrt(n / high))
+
+
+@dataclass(frozen=True)
+class RmseInterval:
+    """The 95 % interval of an RMSE.
+
+    Parameters
+    ----------
+    low_m, high_m : float
+        Its ends [m].
+    method : str
+        ``chi-square`` for errors whose mean does not differ from 0; ``bootstrap`` where it
+        does, for then their squares follow no χ² distribution.
+    """
+
+    low_m: float
+    high_m: float
+    method: str
+
+    @classmethod
+    def of(cls, errors: Any) -> Self:
+        """Return the interval of independent errors (N,) [m].
+
+        Parameters
+        ----------
+        errors : (N,) array_like
+            Independent errors [m].
+
+        Returns
+        -------
+        RmseInterval
+            Its ends and the method.
+
+        Notes
+        -----
+        Nodes of one map are no independent errors: use this for checkpoints that lie apart.
+        The bootstrap is too narrow for fewer than about ten errors. Equal errors give equal intervals.
+
+        Examples
+        --------
+        >>> interval = RmseInterval.of([0.1, -0.1, 0.1, -0.1, 0.1])
+        >>> round(interval.low_m, 4), round(interval.high_m, 4), interval.method
+        (0.0624, 0.2453, 'chi-square')
+        """
+        e = np.asarray(errors, dtype=np.float64).ravel()
+        n = len(e)
+        low, high = rmse_factors(n)
+        rmse = float(np.sqrt(np.mean(e**2)))
+        if n < 3 or abs(e.mean()) <= _BIASED * e.std(ddof=1) / np.sqrt(n):
+            return cls(low * rmse, high * rmse, "chi-square")
+        return cls(*_resampled(e), "bootstrap")
+
+
+def _resampled(e: FloatArray) -> tuple[float, float]:
+    """Return the percentiles of the RMSE over samples drawn with replacement; always the same draws for equal errors."""
+    rng = stream(len(e), "rmse bootstrap")
+    squares = (e**2)[rng.integers(0, len(e), (_N_RESAMPLES, len(e)))].mean(axis=1)
+    low, high = np.sqrt(np.percentile(squares, (2.5, 97.5)))
+    return float(low), float(high)
+
+
+BLUNDER_FACTOR = 3.0
+"""Errors beyond this many times the limit of the RMSE are to be investigated."""
+
+
+_NO_DATUM = (
+    "the map or the checkpoints do not state their vertical datum; datums can differ by tens of metres"
+)
+# Blunders: so many times the error that this share of at least so many checkpoints stays below; the worst are named.
+_TIMES_USUAL, _USUAL_SHARE, _LEAST_CHECKPOINTS, _N_NAMED = 10.0, 0.8, 10, 5
+# Heights in feet: their ratio to those of the map, to this share, where they are not near sea level.
+_FEET_TOLERANCE, _LEAST_FEET = 0.01, 300.0
+# Shares and spacings are compared with a hair of slack, so that 20 % of 30 points may be 6 of 30.
+_SLACK = 1e-9
+
+
+def missing_cover(errors: CheckpointErrors) -> list[str]:
+    """Return what the map misses of the area."""
+    if errors.covered_share >= LEAST_COVERED:
+        return []
+    return [f"heights on {LEAST_COVERED:.1%} of the area (the map covers {errors.covered_share:.1%})"]
+
+
+def least_numbers(standard: Standard, area_km2: float) -> tuple[int, int]:
+    """Return the least numbers of checkpoints on open and on vegetated ground."""
+    if standard.name == ASPRS_2014:
+        return checkpoints_2014(area_km2)
+    n = checkpoints_edition_2(area_km2)
+    return n, n
+
+
+def missing_number(standard: Standard, errors: CheckpointErrors, n_least: int, ground: str) -> list[str]:
+    """Return a condition where there are too few checkpoints."""
+    n = len(errors.errors_m)
+    if n >= n_least:
+        return []
+    return [f"{n_least} checkpoints on {ground} ground (there are {n}){_mark(standard, 'n_least')}"]
+
+
+def missing_accuracy(standard: Standard, errors: CheckpointErrors, class_m: float | None) -> list[str]:
+    """Compare the checkpoints' accuracy with what the class asks of them."""
+    if class_m is None or standard.sharper is None:
+        return []
+    needed = class_m / standard.sharper
+    if errors.checkpoint_rmse_m <= needed * (1.0 + _SLACK):
+        return []
+    return [
+        f"checkpoints accurate to {needed:.3g} m ({standard.sharper:g} times better than the class), not {errors.checkpoint_rmse_m:.3g} m"
+    ]
+
+
+def missing_in_general(standard: Standard, errors: CheckpointErrors) -> list[str]:
+    """Return what the standard misses in the number of checkpoints."""
+    return [] if standard.n_least is None else missing_number(standard, errors, standard.n_least, "any")
+
+
+def guidance_of(standard: Standard, errors: CheckpointErrors) -> list[str]:
+    """Return where the checkpoints are spread less evenly than the standard advises; that is no condition.
+
+    The NSSDA says how points *may* be distributed over a rectangular area of uniform accuracy (appendix 3-C).
+    """
+    advised = []
+    share, spacing = standard.quadrant_share, standard.spacing_share
+    found = min(errors.spread.quadrant_shares)
+    if share is not None and found < share - _SLACK:
+        advised.append(
+            f"guidance: {share:.0%} of the checkpoints in every quarter of the area (one has {found:.0%}){_mark(standard, 'quadrant_share')}"
+        )
+    apart = errors.spread.spacing_share
+    if spacing is not None and apart < spacing - _SLACK:
+        advised.append(
+            f"guidance: {spacing:.0%} of the diagonal between any two checkpoints (two are {apart:.1%} apart){_mark(standard, 'spacing_share')}"
+        )
+    return advised
+
+
+def cautions_of(standard: Standard, errors: CheckpointErrors, limit_m: float | None) -> list[str]:
+    """Return what is to be investigated: a bias, blunders, a datum that is not stated."""
+    found = datum_cautions(errors)
+    if limit_m is None:
+        return found
+    bias = abs(float(np.mean(errors.errors_m)))
+    if standard.bias_share is not None and bias > standard.bias_share * limit_m:
+        found.append(
+            f"the mean error {bias:.3g} m exceeds {standard.bias_share:.0%} of the class: investigate{_mark(standard, 'bias_share')}"
+        )
+    blunders = errors.beyond(BLUNDER_FACTOR * limit_m)
+    if blunders:
+        found.append(
+            f"errors beyond {BLUNDER_FACTOR:g} times the limit at {', '.join(blunders)}: investigate, they are in the figures{_mark(standard, 'blunders')}"
+        )
+    return found
+
+
+def datum_cautions(errors: CheckpointErrors) -> list[str]:
+    """Return cautions where a vertical datum is not stated, and where heights are in feet or a few are blunders."""
+    if _are_feet(errors):
+        return [
+            "the heights of the checkpoints are 3.28 times those of the map, as feet are; convert them to metres"
+        ]
+    stated = [] if errors.has_datums else [_NO_DATUM]
+    return stated + _blunder_cautions(errors)
+
+
+def _are_feet(errors: CheckpointErrors) -> bool:
+    if errors.xyz is None or not len(errors.errors_m) or errors.xyz[:, 2].min() <= 0.0:
+        return False
+    height = errors.xyz[:, 2]
+    ratio = float(np.median((height + errors.errors_m) / height)) / FOOT_M
+    return bool(abs(ratio - 1.0) < _FEET_TOLERANCE and np.median(height) > _LEAST_FEET)
+
+
+def _blunder_cautions(errors: CheckpointErrors) -> list[str]:
+    """Return a caution where few checkpoints err by far more than all others; none is left out for its error."""
+    n = len(errors.errors_m)
+    size_m = np.abs(errors.errors_m - np.median(errors.errors_m))
+    usual_m = (
+        max(float(np.quantile(size_m, _USUAL_SHARE)), float(np.median(errors.sigma_z_m))) if n else np.inf
+    )
+    rows = np.flatnonzero(size_m > _TIMES_USUAL * usual_m)
+    if n < _LEAST_CHECKPOINTS or not len(rows):
+        return []
+    worst = rows[np.argsort(-size_m[rows], kind="stable")][:_N_NAMED]
+    named = ", ".join(f"{errors.names[row]} ({errors.errors_m[row]:+.2f} m)" for row in worst)
+    return [
+        f"{len(rows)} of {n} checkpoints err by more than {_TIMES_USUAL:g} times as much as most others, and the statistics hang on "
+        f"them: {named}; check whether they are blunders"
+    ]
+
+
+def _mark(standard: Standard, what: str) -> str:
+    return " (unverified)" if what in standard.unverified else ""

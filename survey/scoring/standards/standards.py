@@ -1,13 +1,18 @@
-"""Map accuracy standards as data: editions, conditions and limits, and the glacier paper's reading of 1990.
+"""Map accuracy standards: editions, conditions and limits as data, and their formulas.
 
-What could not be checked against a copy of a standard's text is named in `Standard.unverified`, and is shown
-to users as unverified wherever it decides something.
+Each `Standard` states what an edition asks of checkpoints, and how it judges them; one is the glacier paper's
+reading of the standard of 1990. The formulas lead from an RMSE to the values that each edition states, and back
+to limits. NSSDA is the National Standard for Spatial Data Accuracy (FGDC-STD-007.3-1998), NMAS the National Map
+Accuracy Standards of 1947. What could not be checked against a copy of a standard's text is named in
+`Standard.unverified`, or in the docstring of a formula; users see it as unverified wherever it decides
+something.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
-from survey.core.errors import ConfigError
+from survey.core.errors import ConfigError, InputError
 
 FOOT_M = 0.3048
 PAPER = "asprs-1990-as-in-paper"
@@ -120,3 +125,210 @@ def standard_named(name: str) -> Standard:
             f"the accuracy standard {name!r} is not known; one of {', '.join(STANDARDS)} was expected."
         )
     return STANDARDS[name]
+
+
+INCH_M, _UNUSED_FOOT_M = 0.0254, 0.3048
+# Two-sided 95 % and 90 % of a normal error, and the circular 95 % and 90 % in standard deviations of one axis.
+Z95, Z90, C95, C90 = 1.9600, 1.6449, 2.4477, 2.1460
+VVA_FACTOR = 3.00
+"""The limit of vegetated ground in 2014: a 95th percentile of three times the class."""
+SMALLEST_RATIO = 0.6
+"""Below this ratio of the two axes' RMSEs the NSSDA gives no radial accuracy."""
+# NMAS: tolerance on paper for scales larger than 1:20,000 and for the others.
+_LARGEST_SMALL_SCALE = 20_000.0
+
+
+def accuracy_z(rmse_z_m: float) -> float:
+    """Return the vertical accuracy at 95 % [m] (NSSDA, appendix 3-A): ``1.9600 · RMSE_z``, for normal errors without bias.
+
+    Examples
+    --------
+    >>> round(accuracy_z(0.0815), 3)
+    0.16
+    """
+    return Z95 * _size(rmse_z_m, "RMSE_z")
+
+
+def accuracy_r(rmse_x_m: float, rmse_y_m: float) -> float | None:
+    r"""Return the horizontal accuracy at 95 % [m] (NSSDA, appendix 3-A).
+
+    .. math::  2.4477 \cdot \tfrac{1}{2}(RMSE_x + RMSE_y)
+
+    which for equal axes is ``1.7308 · RMSE_r``.
+
+    Returns
+    -------
+    float or None
+        ``None`` where the smaller RMSE is less than 0.6 of the larger one: state both instead.
+
+    Examples
+    --------
+    >>> round(accuracy_r(0.6, 1.0), 4), accuracy_r(0.5, 1.0)
+    (1.9582, None)
+    """
+    low, high = sorted((_size(rmse_x_m, "RMSE_x"), _size(rmse_y_m, "RMSE_y")))
+    if low < SMALLEST_RATIO * high:
+        return None
+    return C95 * 0.5 * (low + high)
+
+
+def rmse_v(fit_m: float, checkpoints_m: float) -> float:
+    r"""Return the vertical RMSE of ASPRS Edition 2 [m], with the error of the checkpoints' own survey.
+
+    .. math::  RMSE_V = \sqrt{RMSE_{V1}^2 + RMSE_{V2}^2}
+
+    Examples
+    --------
+    >>> round(rmse_v(0.070, 0.020), 4)
+    0.0728
+    """
+    return math.hypot(_size(fit_m, "RMSE_V1"), _size(checkpoints_m, "RMSE_V2"))
+
+
+def rmse_h(rmse_x_m: float, rmse_y_m: float, checkpoints_m: float) -> float:
+    """Return the horizontal RMSE of ASPRS Edition 2 [m]; the checkpoints' error is that of one axis.
+
+    Examples
+    --------
+    >>> round(rmse_h(0.04, 0.03, 0.01), 5)
+    0.05196
+    """
+    x, y = _size(rmse_x_m, "RMSE_x"), _size(rmse_y_m, "RMSE_y")
+    return math.hypot(x, y, math.sqrt(2.0) * _size(checkpoints_m, "the checkpoints' RMSE per axis"))
+
+
+def rmse_3d(rmse_h_m: float, rmse_v_m: float) -> float:
+    """Return the three-dimensional RMSE of ASPRS Edition 2 [m].
+
+    Examples
+    --------
+    >>> rmse_3d(0.3, 0.4)
+    0.5
+    """
+    return math.hypot(_size(rmse_h_m, "RMSE_H"), _size(rmse_v_m, "RMSE_V"))
+
+
+def vmas(rmse_z_m: float) -> float:
+    """Return the vertical error at 90 % [m] as NMAS has it, ``1.6449 · RMSE_z``: a conversion, NMAS itself counts points.
+
+    Examples
+    --------
+    >>> round(vmas(1.0), 4)
+    1.6449
+    """
+    return Z90 * _size(rmse_z_m, "RMSE_z")
+
+
+def cmas(rmse_x_m: float, rmse_y_m: float) -> float:
+    """Return the circular error at 90 % [m] as NMAS has it, for nearly equal axes: ``2.1460`` times their mean RMSE.
+
+    Examples
+    --------
+    >>> round(cmas(1.0, 1.0), 3)
+    2.146
+    """
+    return C90 * 0.5 * (_size(rmse_x_m, "RMSE_x") + _size(rmse_y_m, "RMSE_y"))
+
+
+def nmas_horizontal_limit_m(scale: float) -> float:
+    """Return the ground distance [m] that at most 10 % of well-defined points of a map 1:scale may be off (NMAS).
+
+    1/30 inch on maps larger than 1:20,000, 1/50 inch on the others.
+
+    Examples
+    --------
+    >>> round(nmas_horizontal_limit_m(24_000), 1), round(nmas_horizontal_limit_m(12_000), 1)
+    (12.2, 10.2)
+    """
+    denominator = _size(scale, "the scale's denominator")
+    return denominator * INCH_M / (30.0 if denominator < _LARGEST_SMALL_SCALE else 50.0)
+
+
+def asprs_1990_horizontal_limit_m(scale: float) -> float:
+    """Return the limit [m] of RMSE_x and of RMSE_y for class 1 of ASPRS 1990: a quarter of a millimetre on the map.
+
+    Examples
+    --------
+    >>> asprs_1990_horizontal_limit_m(500)
+    0.125
+    """
+    return 0.00025 * _size(scale, "the scale's denominator")
+
+
+def nva_limit_m(class_m: float) -> float:
+    """Return the limit [m] of the non-vegetated accuracy at 95 % for a class of ASPRS 2014: ``1.96`` times the class.
+
+    Examples
+    --------
+    >>> round(nva_limit_m(0.10), 3)
+    0.196
+    """
+    return Z95 * _size(class_m, "the class")
+
+
+def vva_limit_m(class_m: float) -> float:
+    """Return the limit [m] of the vegetated 95th percentile for a class of ASPRS 2014: ``3.00`` times the class.
+
+    Examples
+    --------
+    >>> round(vva_limit_m(0.10), 3)
+    0.3
+    """
+    return VVA_FACTOR * _size(class_m, "the class")
+
+
+def equivalent_intervals_m(rmse_z_m: float) -> dict[str, float]:
+    """Return the contour intervals [m] that an RMSE just supports: ASPRS 1990 classes 1 and 2, and NMAS.
+
+    The factor of class 2 (1.5) could not be checked against the standard's own text.
+
+    Examples
+    --------
+    >>> {name: round(value, 4) for name, value in equivalent_intervals_m(0.10).items()}
+    {'asprs-1990 class 1': 0.3, 'asprs-1990 class 2': 0.15, 'nmas': 0.329}
+    """
+    rmse = _size(rmse_z_m, "RMSE_z")
+    return {"asprs-1990 class 1": 3.0 * rmse, "asprs-1990 class 2": 1.5 * rmse, "nmas": 2.0 * Z90 * rmse}
+
+
+def checkpoints_2014(area_km2: float) -> tuple[int, int]:
+    """Return the least numbers of non-vegetated and vegetated checkpoints for an area (ASPRS 2014).
+
+    Up to 500 km² 20 and 5; up to 2,500 km² five more of each for every 250 km² begun (rows in between could not
+    be checked; both ends were); beyond, three and two more for every 500 km² begun.
+
+    Examples
+    --------
+    >>> checkpoints_2014(0.36), checkpoints_2014(2500.0), checkpoints_2014(12_950.0)
+    ((20, 5), (55, 45), (118, 87))
+    """
+    area = _size(area_km2, "the area")
+    if area <= 500.0:
+        return 20, 5
+    if area <= 2500.0:
+        # Both kinds gain five a row, but the first row adds vegetated ones alone.
+        rows = math.ceil((area - 500.0) / 250.0)
+        return 20 + 5 * max(0, rows - 1), 5 + 5 * rows
+    blocks = math.ceil((area - 2500.0) / 500.0)
+    return 55 + 3 * blocks, 45 + 2 * blocks
+
+
+def checkpoints_edition_2(area_km2: float) -> int:
+    """Return the least number of checkpoints for an area (ASPRS Edition 2), of either kind: 30 to 120.
+
+    The steps in between, ten for every 1,000 km² begun beyond the first, could not be checked; both ends were.
+
+    Examples
+    --------
+    >>> checkpoints_edition_2(0.36), checkpoints_edition_2(50_000.0)
+    (30, 120)
+    """
+    blocks = max(0, math.ceil(_size(area_km2, "the area") / 1000.0) - 1)
+    return min(120, 30 + 10 * blocks)
+
+
+def _size(value: float, what: str) -> float:
+    """Return a finite number of 0 or more, or refuse."""
+    if not (math.isfinite(value) and value >= 0.0):
+        raise InputError(f"{what} is {value}; a number of 0 or more was expected.")
+    return float(value)

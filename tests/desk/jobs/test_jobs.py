@@ -11,9 +11,9 @@ import shapely
 from desk.jobs.job import Job, Jobs
 from live.watch.log import heading_of, line_of
 from live.watch.survey_watch import SurveyWatch
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig
 from survey.core.errors import CapacityError, InputError
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 
 def events_of(page, kind):

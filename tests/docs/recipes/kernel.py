@@ -6,7 +6,7 @@ KERNEL = Recipe(
     "Add a kernel",
     1,
     inserted={
-        "survey/reconstruction/gp/covariance/kernels.py": (
+        "survey/reconstruction/gp/kernels.py": (
             (
                 "@dataclass(frozen=True)\nclass Whittle",
                 '@dataclass(frozen=True)\nclass Matern72(_Matern):\n    """Matérn covariance with ν = 7/2."""\n\n'

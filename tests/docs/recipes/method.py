@@ -13,7 +13,7 @@ from pydantic import PositiveFloat
 
 from survey.core.config import Section
 from survey.data.dem import Dem
-from survey.reconstruction.base import INTERPOLATED, Reconstruction
+from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 
 

@@ -11,7 +11,7 @@ PLANNER = Recipe(
 from typing import Literal
 
 from planners.config import SwathConfig
-from planners.layout import straight_route
+from planners.patterns.lawnmower import straight_route
 from planners.patterns.planner import LayoutTask, Planner
 from survey.data.route import Route
 

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.config.faults import FaultConfig, faults_of
+from sim.config.sensors import FaultConfig, faults_of
 from sim.config.sensors import InclinometerConfig
-from sim.instruments.errors import Clock
+from sim.instruments.sensor import Clock
 from sim.instruments.sensor import StatisticalDrive, without_carried
 from sim.vehicle.motion import RoverMotion
 from survey.core.streams import stream
-from survey.data.sensors.tables import Inclinometer
+from survey.data.recording import Inclinometer
 
 
 class PitchSensor:
@@ -58,7 +58,7 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
 '''
     },
     inserted={
-        "survey/data/sensors/tables.py": (
+        "survey/data/recording.py": (
             (
                 "\n\n@dataclass(frozen=True, eq=False, repr=False, kw_only=True)\nclass SensorTables",
                 "\n\n@dataclass(frozen=True, eq=False, repr=False)\nclass Inclinometer(SensorRecords):\n"
@@ -66,7 +66,7 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
                 "    pitch_rad: FloatArray\n",
             ),
             (
-                "from typing import Any, get_args",
+                "from typing import Any, Self",
                 "from typing import ClassVar\nfrom survey.core.arrays import FloatArray\n"
                 "from survey.data.sensors.records import SensorRecords\n",
             ),
@@ -87,7 +87,7 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
         ),
         "sim/instruments/registry.py": (
             (
-                "from sim.instruments.inertial import",
+                "from sim.instruments.dead_reckoning import",
                 "from sim.instruments.inclinometer import InclinometerFaults, PitchSensor, draw_inclinometer\n",
             ),
             (
@@ -101,10 +101,10 @@ def draw_inclinometer(drive: StatisticalDrive) -> Inclinometer:
 import numpy as np
 from firnline import Grid, Recording, SurveyArea, plan, LawnmowerConfig, simulate
 from survey.terrain import cosine_surface
-from sim.config.faults import FaultConfig
+from sim.config.sensors import FaultConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.instruments.sensor import InstrumentSetup
-from sim.instruments.suite import Instruments, ReadingLog
+from sim.instruments.registry import Instruments, ReadingLog
 from sim.vehicle.motion import RoverMotion
 terrain = cosine_surface(Grid((0.0, 0.0, 120.0, 120.0), 4.0, "EPSG:32608"), np.random.default_rng(0), relief_m=5.0)
 area = SurveyArea.rectangle((20.0, 20.0, 100.0, 100.0), "EPSG:32608")

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from survey import Dem, Grid
-from survey.data.ice.motion_file import write_motion
-from survey.io.vector.writing import write_features
+from survey.data.ice_motion import write_motion
+from survey.io.vector import write_features
 from survey.reconstruction.motion.priors import uniform_motion
 
 MELT_M = 0.8

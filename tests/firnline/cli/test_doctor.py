@@ -26,7 +26,7 @@ def test_all_that_the_demos_need_is_checked() -> None:
 
 
 def test_a_missing_physics_engine_names_the_demo_that_will_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.vehicle.engines.find_spec", lambda _: None)
+    monkeypatch.setattr("sim.vehicle.rigid_bodies.find_spec", lambda _: None)
     code, said = doctor()
     assert code == 1
     assert "LOOK  physics engine" in said

@@ -8,8 +8,7 @@ from typer.testing import CliRunner
 
 from benchmarks.small_inputs import IDEAL_MISSION
 from firnline.cli.main import app
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from tests.docs.scratch import make_scratch
 from tests.firnline.cli.test_pages_in_browser import STUDY
 

@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from sim.config.ice import IceConfig
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import IceConfig
+from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, Leg, Reconstruction, Route
-from survey.data.ice.motion_file import read_motion
-from survey.reconstruction.motion.map_age import AGE
+from survey.data.ice_motion import read_motion
+from survey.reconstruction.motion.epoch import AGE
 from tests.sim.small_missions import mission_with
 
 CRS = "EPSG:32608"

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from planners import LawnmowerConfig, plan
 from survey import Route, SurveyArea, Trajectory
-from survey.io.tracks import read_track, write_track
+from survey.io.trajectory_files import read_track, write_track
 from survey.io.vector import read_features, write_features
 
 UTM = "EPSG:32608"

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
-from survey.core.runs.store import RunFolder
-from survey.data.legs import Leg
+from survey.core.run_folder import RunFolder
+from survey.data.route import Leg
 from survey.interchange.route_formats import read_plan
 
 CRS = "EPSG:32608"

@@ -15,11 +15,10 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from vision_slam import recorded_drive
-from vision_slam.localization import Localization
+from vision_slam.drive_estimate import Localization
 from vision_slam.pipeline import localize
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import planners
 from firnline.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
-from survey.core.crs.transformation import transformed
+from survey.core.transformation import transformed
 
 CRS = "EPSG:32608"
 SITE = shapely.box(526_000.0, 6_478_000.0, 526_200.0, 6_478_200.0)

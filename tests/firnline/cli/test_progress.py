@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from firnline.actions.missions import earlier_seconds
 from firnline.cli.progress import TimeLeftColumn
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 
 
 def left(expected_s: float | None, elapsed_s: float) -> str:

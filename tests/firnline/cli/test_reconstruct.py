@@ -14,10 +14,10 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
-from survey.data.sensors.drive_ties import DriveTies
+from survey.data.sensors.odometry import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 
 CRS = "EPSG:32608"
 KNOWN = ["fit=false", "variance_m2=4.0", "length_scale_m=20.0"]

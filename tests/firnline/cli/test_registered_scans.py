@@ -11,11 +11,9 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from survey.core.arrays import FloatArray
 from survey.data.path_error import PathError
-from survey.data.scans.lidar_scans import LidarScans
-from survey.data.scans.returns import LidarReturns
-from survey.data.scans.scanner import Scanner
+from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 from tests.survey.interchange.cloud_bags import write_cloud_bag
 
 CRS = "EPSG:32608"

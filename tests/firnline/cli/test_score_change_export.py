@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from survey import Dem, Grid, InputError
-from survey.io.points.formats import read_point_table
+from survey.io.point_files import read_point_table
 from survey.io.vector import write_features
-from survey.scoring.change import large_surveys
+from survey.scoring.change import files as large_surveys
 
 UTM = "EPSG:32608"
 

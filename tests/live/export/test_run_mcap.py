@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from benchmarks.small_inputs import IDEAL_MISSION
 from firnline.cli.main import app
 from survey import Route, SurfacePoints
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.trajectory import Trajectory
 
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.logs.autopilot_log import read_autopilot_log
+from live.autopilot_logs import read_autopilot_log
 from survey.core.errors import InputError
 
 N = 40

@@ -10,17 +10,14 @@ import shapely
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.link.address import LinkAddress
-from live.mission.autopilot_mission import AutopilotMission
-from live.mission.download import downloaded_route
-from live.mission.items import FENCE
-from live.mission.limits import require_storable
-from live.mission.upload import upload
+from live.link import LinkAddress
+from live.mission.items import FENCE, AutopilotMission, require_storable
+from live.mission.vehicle_mission import downloaded_route, upload
 from live.rover.radio import Radio
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.interchange.surroundings import Surroundings
+from survey.data.route import Leg
+from survey.interchange.missions import Surroundings
 
 CRS = "EPSG:32608"
 CORNER = np.array([526_000.0, 6_478_000.0])
@@ -166,7 +163,7 @@ def test_a_vehicle_that_refuses_is_quoted(result, words):
 
 
 def test_an_upload_that_takes_too_long_is_given_up(monkeypatch):
-    monkeypatch.setattr("live.mission.upload.MOST_UPLOAD_S", -1.0)
+    monkeypatch.setattr("live.mission.vehicle_mission.MOST_UPLOAD_S", -1.0)
     with ArduPilotLike() as vehicle, pytest.raises(InputError, match=r"took longer than .* come nearer"):
         upload(AutopilotMission.of_route(ROUTE, Surroundings()), vehicle.address, patience_s=10.0)
 

@@ -12,19 +12,15 @@ import shapely
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.link.address import LinkAddress
-from live.link.vehicle import Vehicle
-from live.mission.autopilot_mission import AutopilotMission
-from live.mission.items import FENCE, MISSION, first_difference
-from live.mission.limits import require_storable
+from live.link import LinkAddress, Vehicle
+from live.mission.items import FENCE, MISSION, AutopilotMission, first_difference, require_storable
 from live.mission.transfer import fetch_items
-from live.mission.upload import upload
+from live.mission.vehicle_mission import upload
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.interchange.missions import MissionItem
+from survey.data.route import Leg
+from survey.interchange.missions import MissionItem, Surroundings
 from survey.interchange.route_formats import read_plan, write_plan
-from survey.interchange.surroundings import Surroundings
 
 CRS = "EPSG:32608"
 ORIGIN = np.array([526_000.0, 6_478_000.0])

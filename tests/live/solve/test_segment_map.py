@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from live.solve.local_nodes import local_nodes
-from live.solve.path_segments import path_segments
-from live.watch.live_map import LiveMap
+from live.watch.live_map import LiveMap, local_nodes, path_segments
 from survey import Grid, SurfacePoints
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
 
 CRS = projected_crs("EPSG:32608", "the test")

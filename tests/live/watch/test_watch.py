@@ -9,18 +9,15 @@ import rasterio
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.watch.growing_file import file_entries
 from live.watch.log import heading_of, line_of, replayed, watch_of
-from live.watch.progress import LegProgress
-from live.watch.sample import Sample, SampleGate
-from live.watch.survey_watch import SurveyWatch
-from live.watch.warnings import RoverWarnings
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from live.watch.samples import Sample, SampleGate, file_entries
+from live.watch.survey_watch import LegProgress, RoverWarnings, SurveyWatch
+from planners.guarantee.adaptive import AdaptiveConfig
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
-from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.route import Leg
+from survey.data.sensors.records import GpsFixes
 
 CRS = "EPSG:32608"
 SIDE_M = 120.0

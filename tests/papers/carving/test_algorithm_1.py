@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from papers.carving.algorithm_1 import LiteralCarving
+from papers.carving.comparison import LiteralCarving
 from papers.studies import study
 from survey import InputError, SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig
-from survey.reconstruction.carving.wu_kernel import wu_kernel
+from survey.reconstruction.carving.descent import wu_kernel
 
 CRS = "EPSG:32608"
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from papers.carving.maps import SLOPE_DEG, downhill_drive
-from papers.carving.sine import SENSOR_M, seen_of_the_sine, sine
+from papers.carving.figures import SENSOR_M, SLOPE_DEG, downhill_drive, seen_of_the_sine, sine
 from papers.carving.world import NOISE_M, TERRAINS, ScanTrial
 from papers.studies import study
 

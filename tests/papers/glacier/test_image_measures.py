@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from papers.glacier.image_measures import (
+from papers.glacier.images import (
     METHODS,
     Pair,
     clahe,
     corners,
     entropy_bits,
+    gains,
     gradients,
     local_contrast,
     relative_corners,
     rms_contrast,
     statistics,
 )
-from papers.glacier.images import gains
 
 ALL = np.ones((120, 160), bool)
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from planners.driving.departures import departures
-from planners.driving.energy import Mobility
+from planners.routes.fleet import departures
+from planners.routes.rover import Mobility
 from survey import ConfigError, Leg
 
 ALONG = np.array([[0.0, 0.0], [200.0, 0.0]])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from affine import Affine
 
-from planners.driving.energy import Mobility, effort, energy_per_metre, predicted
+from planners.routes.rover import Mobility, effort, energy_per_metre, predicted
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 SIMPLE = Mobility(
     speed_m_s=2.0, turn_s=5.0, mass_kg=100.0, rolling_resistance=0.1, efficiency=0.5, idle_w=40.0

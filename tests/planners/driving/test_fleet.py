@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.driving.departures import departures
-from planners.driving.energy import Mobility, effort, predicted
-from planners.driving.fleet import share
-from planners.ground.transit import FreeGround
+from planners.routes.fleet import departures, share
+from planners.routes.rover import Mobility, effort, predicted
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import swaths_on
 from survey.core.errors import ConfigError, InputError
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 
 SITE = FreeGround(shapely.box(0.0, 0.0, 600.0, 600.0))
 PLAIN = Mobility(turn_s=0.0)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.driving.ordering import connect
-from planners.driving.swath_tours import Tours
-from planners.ground.transit import FreeGround
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import Tours, connect
 from survey import InputError
 
 FIELD = FreeGround(shapely.box(0.0, 0.0, 100.0, 100.0))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.driving.fleet import share
-from planners.driving.replanning import Loss, cut_short, remaining_swaths, replanned
-from planners.driving.rover import Rover
-from planners.ground.transit import FreeGround
+from planners.routes.fleet import share
+from planners.routes.replanning import Loss, cut_short, remaining_swaths, replanned
+from planners.routes.rover import Rover
+from planners.routes.shortest_paths import FreeGround
 from survey.core.errors import ConfigError
 from survey.data.route import Route
 

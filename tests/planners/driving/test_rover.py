@@ -22,7 +22,7 @@ from planners import (
     steering_of,
 )
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 CRS = "EPSG:32608"
 KERNEL = SquaredExponential(30.0, 150.0)

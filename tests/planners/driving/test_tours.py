@@ -2,9 +2,15 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.driving.tours import boustrophedon, improved, nearest_next, tour_length, transit_length
-from planners.driving.transits import transits
-from planners.ground.transit import FreeGround
+from planners.routes.local_search import (
+    boustrophedon,
+    improved,
+    nearest_next,
+    tour_length,
+    transit_length,
+    transits,
+)
+from planners.routes.shortest_paths import FreeGround
 
 ENDS = np.array([[x, y] for x in (10.0, 30.0, 50.0, 70.0) for y in (10.0, 90.0)])
 DEPOT = np.array([[5.0, 5.0], [5.0, 5.0]])

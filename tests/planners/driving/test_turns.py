@@ -7,10 +7,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from planners.driving.ordering import connect
-from planners.driving.reeds_shepp import dubins_words, moved, reeds_shepp_words, word_length
-from planners.driving.turns import Turning, Turns, traced, turn_length_m
-from planners.ground.transit import FreeGround
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import connect
+from planners.routes.turns import (
+    Turning,
+    Turns,
+    dubins_words,
+    moved,
+    reeds_shepp_words,
+    traced,
+    turn_length_m,
+    word_length,
+)
 from planners.swaths.decomposition import swaths_on
 from survey.core.errors import ConfigError, InputError
 

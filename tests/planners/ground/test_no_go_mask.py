@@ -3,7 +3,7 @@ import pytest
 import shapely
 from affine import Affine
 
-from planners.ground.no_go_mask import without_marked
+from planners.routes.traversability import without_marked
 from survey import Dem, InputError, SurveyArea
 
 CRS = "EPSG:32608"

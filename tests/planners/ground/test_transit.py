@@ -8,8 +8,8 @@ import pytest
 import shapely
 from shapely import LineString, Point, Polygon
 
-from planners.driving.ordering import connect
-from planners.ground.transit import MAX_CORNERS, FreeGround
+from planners.routes.shortest_paths import MAX_CORNERS, FreeGround
+from planners.routes.tours import connect
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 

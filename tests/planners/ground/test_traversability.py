@@ -5,8 +5,7 @@ import pytest
 import shapely
 from affine import Affine
 
-from planners.ground.raster_cells import roughness
-from planners.ground.traversability import RoverLimits, drivable
+from planners.routes.traversability import RoverLimits, drivable, roughness
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from planners.guarantee.posterior.kernel_posterior import WeightedKernel
+from planners.guarantee.kernel_posterior import WeightedKernel
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.kernel_search import Cell
 from survey.terrain import random_dem, satellite_copy
 
 CRS = "EPSG:32608"

@@ -3,21 +3,21 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import first_swaths, next_swath, survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState
-from planners.guarantee.posterior.kernel_posterior import (
-    KernelPosterior,
-    WeightedKernel,
-    posterior_from_prior,
+from planners.guarantee.adaptive import (
+    AdaptiveConfig,
+    AdaptiveState,
+    first_swaths,
+    next_swath,
+    survey_adaptively,
 )
-from planners.guarantee.posterior.prior_blocks import PriorBlocks
+from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, posterior_from_prior
+from planners.guarantee.prior_fit import PriorBlocks
 from planners.guarantee.survey_lines import SurveyLines
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.cells import Cell, FoundKernel
-from survey.reconstruction.gp.selection.common_maps import mapped
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, mapped
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 

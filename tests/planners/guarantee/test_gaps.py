@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.gaps import gaps_filled
+from planners.guarantee.survey_lines import gaps_filled
 
 SIDE_M = 300.0
 

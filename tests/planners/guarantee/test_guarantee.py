@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from firnline.actions.guaranteeing import refusal_text
-from planners.guarantee.guarantee import guarantee
+from planners.guarantee.guarantee import SwathSearch, guarantee
 from planners.guarantee.requirement import MapRequirement
-from planners.guarantee.swath_search import SwathSearch
 from survey import Dem, Grid
 from survey.core.errors import InputError
 from survey.core.streams import stream

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import AdaptiveConfig
 from planners.guarantee.requirement import MapRequirement, reachable_class
 from survey.core.errors import ConfigError
 

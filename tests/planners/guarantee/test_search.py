@@ -1,4 +1,4 @@
-from planners.guarantee.search import fewest
+from planners.guarantee.survey_lines import fewest
 
 
 def test_the_fewest_that_are_enough_are_found_from_anywhere():

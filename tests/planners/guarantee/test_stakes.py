@@ -1,5 +1,5 @@
 from planners import LawnmowerConfig, plan
-from planners.guarantee.stakes import StakePlan
+from planners.guarantee.guarantee import StakePlan
 from tests.planners.guarantee.smooth_site import AREA
 
 

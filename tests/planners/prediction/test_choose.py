@@ -4,11 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import BestConfig, ErrorModel, LawnmowerConfig, choose, plan
-from planners.prediction.choose import INSET_SHARE
-from planners.swaths.swaths import narrowest_heading
+from planners.patterns.best import INSET_SHARE
+from planners.swaths.reference_lines import narrowest_heading
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated
-from survey.reconstruction.gp.covariance.kernels import Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

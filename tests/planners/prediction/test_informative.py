@@ -3,10 +3,10 @@ import pytest
 import shapely
 
 from planners import ErrorModel, VarianceDrivenConfig, plan
-from planners.prediction.informative import variance_driven
+from planners.patterns.variance_driven import variance_driven
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from planners import ErrorModel, LawnmowerConfig, WavyConfig, plan, predict_error, terrain_kernel
 from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from survey.terrain import squared_exponential_field
 
 CRS = "EPSG:32608"

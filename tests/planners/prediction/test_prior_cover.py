@@ -3,7 +3,7 @@ import pytest
 import shapely
 
 from planners import LawnmowerConfig, WavyConfig, plan
-from planners.prediction.prior_cover import cell_centres, covered_share
+from planners.planning import cell_centres, covered_share
 from survey import Dem, Grid, InputError, SurveyArea
 
 CRS = "EPSG:32608"

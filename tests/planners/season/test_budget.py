@@ -3,9 +3,8 @@ from datetime import date
 import numpy as np
 import pytest
 
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior
-from planners.season.budget import budget_of, mean_error_m
-from planners.season.config import SeasonConfig
+from planners.guarantee.kernel_posterior import KernelPosterior
+from planners.season import SeasonConfig, budget_of, mean_error_m
 from tests.planners.guarantee.smooth_site import SIDE_M, SMOOTH, lines
 
 CONFIG = SeasonConfig(0.2, "m w.e.", date(2026, 5, 1), date(2026, 9, 18), surface="bare-ice")

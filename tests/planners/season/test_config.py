@@ -2,7 +2,7 @@ from datetime import date
 
 import pytest
 
-from planners.season.config import SeasonConfig
+from planners.season import SeasonConfig
 from survey.core.errors import ConfigError
 
 FIRST, LAST = date(2026, 5, 1), date(2026, 9, 18)

@@ -3,8 +3,7 @@ from datetime import date
 
 import pytest
 
-from planners.season.config import SeasonConfig
-from planners.season.design import design_season
+from planners.season import SeasonConfig, design_season
 from tests.planners.guarantee.smooth_site import AREA, coarse, smooth_terrain
 
 CONFIG = SeasonConfig(

@@ -15,7 +15,7 @@ from planners import (
     rollout,
     steering_of,
 )
-from planners.steering.band import Band
+from planners.steered_paths import Band
 from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.core.config import validated
 

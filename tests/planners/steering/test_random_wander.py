@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from planners import RandomWanderConfig
-from planners.steering.attitude import Attitude
-from planners.steering.random_wander import RandomWanderSteering
+from planners.patterns.random_wander import RandomWanderSteering
+from planners.steering import Attitude
 
 N = 40_000
 

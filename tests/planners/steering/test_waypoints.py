@@ -12,7 +12,7 @@ from planners import (
     rollout,
     steering_of,
 )
-from planners.steering.waypoints import WaypointSteering
+from planners.steered_paths import WaypointSteering
 from survey import Dem, Grid, Route, SurveyArea
 
 CRS = "EPSG:32608"

@@ -1,7 +1,7 @@
 import shapely
 
 from planners import LawnmowerConfig, plan
-from planners.swaths.counting import count_lines, swaths_text
+from planners.swaths.reference_lines import count_lines, swaths_text
 from survey import SurveyArea
 
 BAY = SurveyArea(

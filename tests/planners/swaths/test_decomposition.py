@@ -6,15 +6,14 @@ import shapely
 from affine import Affine
 from shapely import Polygon
 
-from planners.driving.ordering import connect
-from planners.ground.transit import FreeGround
-from planners.swaths.cells import cells
-from planners.swaths.decomposition import clipped, swaths_on, unswept
+from planners.routes.shortest_paths import FreeGround
+from planners.routes.tours import connect
+from planners.swaths.decomposition import cells, clipped, swaths_on, unswept
 from planners.swaths.heading import heading_by
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.legs import Leg
+from survey.data.route import Leg
 
 
 def test_rectangle_gives_the_lines_of_the_paper_from_edge_to_edge() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.ground.transit import FreeGround
+from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain, heading_by
 from survey import Dem, Grid, InputError
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import LawnmowerConfig, Rover, plan
-from planners.swaths.swaths import narrowest_heading
+from planners.swaths.reference_lines import narrowest_heading
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.core.config import validated
 

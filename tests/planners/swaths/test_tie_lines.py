@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from planners import LawnmowerConfig
-from planners.swaths.tie_lines import tie_lines
+from planners.patterns.lawnmower import tie_lines
 from survey import SurveyArea
 
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 400.0), "EPSG:32608")

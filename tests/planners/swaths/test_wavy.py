@@ -3,10 +3,10 @@ import pytest
 import shapely
 
 from planners import BestConfig, LawnmowerConfig, VarianceDrivenConfig, WavyConfig, plan
-from planners.swaths.wavy import slope_length_m
+from planners.prediction import slope_length_m
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.core.config import validated
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

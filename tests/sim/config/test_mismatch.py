@@ -5,9 +5,8 @@ import pytest
 
 from benchmarks.mismatched import mismatched
 from planners import LawnmowerConfig
-from sim.config.mismatch import MismatchConfig
-from sim.config.mission import MissionConfig
-from sim.config.terrain import RandomTerrain
+from sim.config.mission import MismatchConfig, MissionConfig
+from sim.config.world import RandomTerrain
 from survey import ConfigError
 from vision_slam import LocalizationConfig
 

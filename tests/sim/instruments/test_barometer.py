@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import BarometerConfig
-from sim.instruments.barometer import PressureAltimeter
+from sim.instruments.dead_reckoning import PressureAltimeter
 from tests.sim.instruments.motions import standing
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import CompassConfig
-from sim.instruments.compass import MagneticCompass
+from sim.instruments.dead_reckoning import MagneticCompass
 from tests.sim.instruments.motions import circling
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from sim.config.sensors import InstrumentConfig
-from sim.instruments.errors import Clock, GaussMarkov, RandomWalkNoise, gauss_markov
+from sim.instruments.sensor import Clock, GaussMarkov, RandomWalkNoise, gauss_markov
 
 
 def test_a_clock_reads_each_moment_once():

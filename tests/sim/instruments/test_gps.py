@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.config.faults import FaultConfig
-from sim.config.sensors import GpsConfig, InstrumentsConfig
-from sim.instruments.gps import GPS_PROFILES, BaseReceiver, Episodes, GpsReceiver
-from sim.instruments.gps_faults import GpsFaults
-from survey.data.sensors.aiding import GpsFixes
+from sim.config.sensors import FaultConfig, GpsConfig, InstrumentsConfig
+from sim.instruments.gps import GPS_PROFILES, BaseReceiver, Episodes, GpsFaults, GpsReceiver
+from survey.data.sensors.records import GpsFixes
 from tests.sim.instruments.motions import standing
 
 

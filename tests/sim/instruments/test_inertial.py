@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import InertialConfig
-from sim.instruments.inertial import InertialUnit
+from sim.instruments.dead_reckoning import InertialUnit
 from tests.sim.instruments.motions import circling, standing
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import StakeConfig
-from sim.instruments.stakes import StakeSpotter, surveyed_stakes
+from sim.instruments.visual_measurements import StakeSpotter, surveyed_stakes
 from tests.sim.instruments.motions import standing
 
 

@@ -5,15 +5,13 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from sim.config.faults import FaultConfig
-from sim.config.ice import IceConfig
-from sim.config.sensors import GpsConfig, InstrumentsConfig
-from sim.instruments.registry import SENSORS
+from sim.config.sensors import FaultConfig, GpsConfig, InstrumentsConfig
+from sim.config.world import IceConfig
+from sim.instruments.registry import SENSORS, Instruments, ReadingLog, SensorFaults
 from sim.instruments.sensor import InstrumentSetup
-from sim.instruments.suite import Instruments, ReadingLog, SensorFaults
 from sim.world.moving_ice import MovingIce
-from survey.data.sensors.aiding import Compass, GpsFixes
-from survey.data.sensors.tables import table_types
+from survey.data.recording import table_types
+from survey.data.sensors.records import Compass, GpsFixes
 from tests.sim.instruments.motions import circling, parts_of
 
 

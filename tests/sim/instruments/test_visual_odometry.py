@@ -3,15 +3,14 @@
 import numpy as np
 
 from planners import LawnmowerConfig
-from sim.config.mismatch import MismatchConfig
-from sim.config.mission import MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
+from sim.config.mission import MismatchConfig, MissionConfig, SensorConfig
+from sim.config.world import RandomTerrain
 from sim.instruments.sensor import StatisticalDrive
-from sim.instruments.visual_odometry import draw_sightings
-from sim.vehicle.exact_motion import exact_drive
+from sim.instruments.visual_measurements import draw_sightings
+from sim.vehicle.motion import exact_drive
 from survey import Dem, Grid, Route
-from survey.data.legs import Leg
-from survey.data.sensors.sightings import Sightings
+from survey.data.route import Leg
+from survey.data.sensors.odometry import Sightings
 
 GRID = Grid((0.0, 0.0, 300.0, 100.0), 5.0)
 FLAT = Dem.on(GRID, np.zeros(GRID.shape))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import WeatherConfig
-from sim.instruments.weather import WeatherField, WeatherStation
+from sim.instruments.environment import WeatherField, WeatherStation
 from tests.sim.instruments.motions import standing
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.config.faults import FaultConfig
-from sim.config.sensors import WheelConfig
-from sim.instruments.wheels import WheelEncoders, WheelFaults
-from survey.data.sensors.aiding import Wheels
+from sim.config.sensors import FaultConfig, WheelConfig
+from sim.instruments.dead_reckoning import WheelEncoders, WheelFaults
+from survey.data.sensors.records import Wheels
 from tests.sim.instruments.motions import circling
 
 

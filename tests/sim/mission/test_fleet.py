@@ -15,10 +15,10 @@ from sim.mission.fleet import (
     drive_fleet,
     drive_folders,
     n_lost,
+    n_ties,
     route_of,
     with_drawn_losses,
 )
-from sim.mission.fleet_ties import n_ties
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world
@@ -26,7 +26,7 @@ from survey import Reconstruction, Route, Score, SurfacePoints, Trajectory
 from survey.core.config import validated
 from survey.core.documents import read_json
 from survey.core.errors import ConfigError, InputError
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 
 STOPPED = {"component": "tracks", "failure": "stopped", "from_s": 150.0, "rover": 2}

@@ -4,14 +4,13 @@ import numpy as np
 
 from sim.config.mission import MissionConfig
 from sim.mission.drives import mapped_points
-from sim.mission.fleet import drive_folders
-from sim.mission.fleet_ties import TIES_FILE, n_ties, tied_drives
+from sim.mission.fleet import TIES_FILE, drive_folders, n_ties, tied_drives
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from survey import Trajectory
 from survey.core.config import validated
-from survey.data.sensors.drive_ties import DriveTies
-from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.data.sensors.odometry import DriveTies
+from survey.reconstruction.joint.drives import SeveralDrives
 from tests.sim.mission.test_fleet import TWO
 
 

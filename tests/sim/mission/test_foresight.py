@@ -7,12 +7,11 @@ import shapely
 from firnline.actions.guaranteeing import survey_options
 from firnline.actions.interface import NotMetError
 from planners import RandomWanderConfig
-from sim.config.ice import IceAssumptions, IceConfig
-from sim.config.terrain import RandomTerrain, SatelliteConfig
+from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, covariance_of_cells, predicted_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
-from survey.terrain.random_terrain import random_dem
+from survey.terrain.synthetic import random_dem
 from tests.sim.small_missions import mission_with
 
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), "EPSG:32608")

@@ -12,7 +12,7 @@ from sim.mission.stages import run_mission
 from survey import Reconstruction, SurfacePoints
 from survey.core.config import validated
 from survey.core.errors import ConfigError
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.reconstruction.registration.config import ScanPointsConfig

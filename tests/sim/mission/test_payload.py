@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 from sim.config.mission import MissionConfig
-from sim.config.payload import PayloadConfig
-from sim.mission.payload import logs_of
+from sim.config.rover import PayloadConfig
+from sim.instruments.environment import PayloadField, payload_log
+from sim.mission.derived_maps import logs_of
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
-from sim.simulate.payload import payload_log
-from sim.world.payload_field import PayloadField
 from survey import Dem, Grid, Reconstruction
 from survey.core.config import validated
 from survey.core.documents import read_json
 from survey.core.errors import ConfigError
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
-from survey.reconstruction.gp.covariance.kernels import Matern52
+from survey.reconstruction.gp.kernels import Matern52
 
 WARM = {"name": "air_temperature", "unit": "degC", "per_km_of_elevation": -6.5, "field_length_m": 60.0}
 MISSION = {

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from planners import LawnmowerConfig, plan
-from sim.config.ice import IceAssumptions, IceConfig
 from sim.config.mission import MissionConfig
-from sim.mission.ice_route import draw_on_ice, in_ice_order, write_on_ice
+from sim.config.world import IceAssumptions, IceConfig
+from sim.world.moving_ice import draw_on_ice, in_ice_order, write_on_ice
 from sim.world.site import World
 from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.core.errors import ConfigError, InputError

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from sim.config.mission import MissionConfig
-from sim.mission.runs import input_checksums, open_run
+from sim.mission.runs import current_versions, input_checksums, open_run, refuse_other_versions
 from sim.mission.stages import run_mission
-from sim.mission.versions import current_versions, refuse_other_versions
 from survey import Dem, Grid, InputError
 from survey.core.config import validated
 

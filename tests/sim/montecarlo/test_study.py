@@ -11,17 +11,14 @@ import pytest
 
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
-from sim.montecarlo.blocks import blocks_of
-from sim.montecarlo.config import read_study
+from sim.montecarlo.config import blocks_of, read_study
+from sim.montecarlo.results import read_trials, statistics
 from sim.montecarlo.study import RESULTS, run_study
-from sim.montecarlo.summary import statistics
-from sim.montecarlo.tables import read_trials
-from sim.montecarlo.terrains import TrialTerrains
-from sim.montecarlo.trials import _localized, routes, survey_block
+from sim.montecarlo.trials import TrialTerrains, _localized, routes, survey_block
 from survey import Dem, Grid, reconstruct
+from survey.core.documents import read_record
 from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.executors import run_all
-from survey.core.runs.manifest import read_record
 
 STUDY = "seed = 5\n" + SMALL_STUDY.replace("swaths = [2]", "swaths = [2, 3]") + SECOND_PATTERN
 
@@ -111,7 +108,7 @@ def test_terrain_around_a_real_prior_agrees_with_it(tmp_path, rng):
     kind = '[[terrains]]\nsource = "conditional"\nname = "real"\nfile = "prior.tif"\nsigma_m = 0.1\n'
     text = STUDY[: STUDY.index("[[terrains]]")] + kind + STUDY[STUDY.index("[[planners]]") :]
     study = small(tmp_path, text.replace("trials = 3", "trials = 2"))
-    from sim.montecarlo.terrains import drawn
+    from sim.montecarlo.trials import drawn
 
     one, other = (drawn(study, study.terrains[0], trial) for trial in range(2))
     # The middle cell's mean is kept to its stated error; between the cells the draws differ.
@@ -145,9 +142,9 @@ def test_a_study_edited_between_two_runs_is_refused_by_name(study, tmp_path):
 
 def test_trials_of_other_versions_are_not_continued(study, tmp_path, monkeypatch):
     run_study(study, tmp_path / "out", engine="serial")
-    monkeypatch.setattr("sim.mission.versions.current_versions", lambda: {"numpy": "3.0"})
+    monkeypatch.setattr("sim.mission.runs.current_versions", lambda: {"numpy": "3.0"})
     run_study(study, tmp_path / "out", engine="serial")  # no trial is left to do
-    monkeypatch.setattr("sim.montecarlo.blocks._TOGETHER", {"ideal": 2})
+    monkeypatch.setattr("sim.montecarlo.config._TOGETHER", {"ideal": 2})
     blocks = tmp_path / "out" / "blocks"
     (blocks / "000-0000000.parquet").rename(blocks / "000-0000002.parquet")  # one of two blocks is there
     with pytest.raises(InputError, match="may give other bytes; do all trials again with --fresh"):
@@ -244,7 +241,7 @@ def greet(listener, words):
 
 def test_a_listener_that_is_no_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("survey.core.executors.dask_cluster._REACH_S", 0.5)
+    monkeypatch.setattr("survey.core.executors._REACH_S", 0.5)
     # One that waits to be spoken to, as a web server does, and one that speaks another tongue.
     for words, reason in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
         with socket.create_server(("127.0.0.1", 0)) as listener:

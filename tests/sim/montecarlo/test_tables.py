@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from sim.montecarlo.blocks import Trial, TrialBlock
-from sim.montecarlo.summary import write_rows
-from sim.montecarlo.tables import write_block, write_tables
+from sim.montecarlo.config import Trial, TrialBlock
+from sim.montecarlo.results import write_block, write_rows, write_tables
 
 DEFAULTS = {str: "north", int: 2, float: -0.5}
 

@@ -33,8 +33,8 @@ def brute_force_depth(
 
     Examples
     --------
-    >>> from sim.config.scene import SceneryConfig
-    >>> from sim.world.scenery import fine_terrain
+    >>> from sim.config.world import SceneryConfig
+    >>> from sim.world.fine_terrain import fine_terrain
     >>> from survey.data.dem import Dem
     >>> from survey.data.grid import Grid
     >>> flat = Dem.on(Grid((0.0, 0.0, 9.0, 9.0), 1.0), np.zeros((10, 10)))

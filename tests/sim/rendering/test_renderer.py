@@ -5,13 +5,12 @@ import numba
 import numpy as np
 import pytest
 
-from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
-from sim.instruments.camera import RoverCamera, rover_camera
+from sim.config.world import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.rendering import Renderer, RoverBox
-from sim.world.fine_terrain import FineTerrain
-from sim.world.scenery import fine_terrain
+from sim.simulate.assembly import RoverCamera, rover_camera
+from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from tests.sim.rendering.plan_view import plan_view

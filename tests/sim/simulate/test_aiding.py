@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from sim.config.mission import SensorConfig
-from sim.simulate.aiding import with_way_home
-from sim.simulate.statistical import simulate_statistical
+from sim.simulate.simulation import simulate_statistical, with_way_home
 from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from tests.sim.small_missions import mission_with
-from vision_slam.inertial.gravity import standing_bias
-from vision_slam.inertial.gyro import gyro_residual_rad
+from vision_slam.attitude import standing_bias
+from vision_slam.motion import gyro_residual_rad
 
 CRS = "EPSG:32608"
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), CRS)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sim.simulate.assembly import camera_on_rover, rover_physics, stakes_beside
-from sim.vehicle.physics import KinematicRover
+from sim.vehicle.motion import KinematicRover
 from sim.vehicle.pursuit import PurePursuit
-from sim.world.scenery import fine_terrain
+from sim.world.fine_terrain import fine_terrain
 from tests.sim.simulate.test_vision import ground, mission
 
 KINEMATIC = {"physics": {"engine": "kinematic"}}
@@ -40,7 +40,7 @@ def test_stakes_off_the_map_are_left_out():
 
 
 def test_the_camera_on_the_rover_gives_images_of_its_size():
-    from sim.instruments.camera import rover_camera
+    from sim.simulate.assembly import rover_camera
 
     config = mission(**KINEMATIC)
     camera = rover_camera(config.imaging)

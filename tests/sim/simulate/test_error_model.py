@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from sim.simulate.error_model import DriveErrors, OdometryErrors, errors_of, fitted
 from survey.core.errors import InputError
-from survey.core.runs.store import RunFolder
+from survey.core.run_folder import RunFolder
 
 WALK_DEG = 0.04
 

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from sim.config.drive import PhysicsConfig
-from sim.config.faults import FAILURES, FaultConfig, faults_of
 from sim.config.mission import RoverConfig
-from sim.config.scene import AppearanceConfig, ImagingConfig
-from sim.instruments.camera import rover_camera
-from sim.simulate.faults import Faults
-from sim.vehicle.physics import KinematicRover
+from sim.config.rover import PhysicsConfig
+from sim.config.sensors import FAILURES, FaultConfig, faults_of
+from sim.config.world import AppearanceConfig, ImagingConfig
+from sim.simulate.assembly import Faults, rover_camera
+from sim.vehicle.motion import KinematicRover
 from survey.core.errors import ConfigError
 
 IMAGE = np.tile(np.arange(0, 240, 4, dtype=np.uint8), (40, 1))

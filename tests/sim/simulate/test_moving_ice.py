@@ -3,10 +3,9 @@ import pytest
 from pydantic import ValidationError
 
 from planners import LawnmowerConfig
-from sim.config.ice import IceConfig
 from sim.config.mission import AidsConfig, MissionConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import IceConfig, RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, Leg, Route
 
 CRS, DAY_S = "EPSG:32608", 86400.0

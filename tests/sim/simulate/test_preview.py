@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from PIL import Image as Picture
 
-from sim.simulate.preview import animated, write_contact_sheet, write_preview
-from survey.data.camera.frames import Frames
+from sim.simulate.simulated_drive import animated, write_contact_sheet, write_preview
+from survey.data.frames import Frames
 
 
 def frames(n: int = 8) -> Frames:

@@ -5,9 +5,9 @@ import numpy as np
 import planners
 from planners import PiecewiseContinuousConfig
 from sim.config.mission import MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
+from sim.config.world import RandomTerrain
 from sim.mission.drives import _steering_on_the_way, steered
-from sim.simulate.sensed_attitude import sensed_attitude, sensed_attitudes
+from sim.simulate.simulation import sensed_attitude, sensed_attitudes
 from sim.world.site import build_world
 
 NO_ERRORS = {"tilt_sigma_deg": 0.0, "gps_bias_sigma_m": 0.0}

@@ -3,12 +3,12 @@ import pytest
 
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig
-from sim.config.terrain import RandomTerrain
-from sim.simulate.statistical import simulate_statistical
+from sim.config.world import RandomTerrain
+from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, InputError, Leg, Route
-from survey.reconstruction.line_of_sight.sight_lines import checked_origins
+from survey.reconstruction.line_of_sight.returns import checked_origins
 from vision_slam import localize, trajectory_error
-from vision_slam.rotation import rotations
+from vision_slam.attitude import rotations
 
 CRS = "EPSG:32608"
 

@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 
 import planners
-from planners.steering.waypoints import WaypointSteering
-from sim.config.drive import PhysicsConfig
-from sim.simulate.navigation import PoseEstimate
+from planners.steered_paths import WaypointSteering
+from sim.config.rover import PhysicsConfig
+from sim.simulate.navigation import PoseEstimate, SensedTilt, SteeredPath
 from sim.simulate.simulated_drive import Ending
-from sim.simulate.steered_path import SensedTilt, SteeredPath
 from sim.simulate.vision import simulate_vision
 from sim.vehicle.pursuit import PurePursuit
 from survey import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.sensors.aiding import Inertial
-from survey.data.sensors.readings import Readings
+from survey.data.recording import Readings
+from survey.data.sensors.records import Inertial
 from tests.sim.simulate.test_vision import mission
 
 G_M_S2 = 9.81

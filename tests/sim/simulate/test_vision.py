@@ -15,9 +15,8 @@ from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_euroc
 
@@ -109,7 +108,7 @@ def test_the_same_seed_gives_the_same_bytes_with_one_and_two_threads(drive, tmp_
 
 
 def test_others_read_the_recording(drive, tmp_path):
-    from vision_slam.io.readers import read_sequence
+    from vision_slam.readers.folders import read_sequence
 
     done, folder = drive
     tum = read_sequence(folder / "recording")

@@ -4,9 +4,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sim.vehicle.bullet import BulletBodies
-from sim.vehicle.mujoco_bodies import MujocoBodies
-from sim.vehicle.physics import GRAVITY_M_S2
+from sim.vehicle.motion import GRAVITY_M_S2
+from sim.vehicle.rigid_bodies import BulletBodies, MujocoBodies
 from sim.vehicle.rover import ContactRover
 from survey.core.arrays import FloatArray
 

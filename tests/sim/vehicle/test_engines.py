@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from sim.vehicle import engines
-from sim.vehicle.engines import chosen_engine
+from sim.vehicle import rigid_bodies as engines
+from sim.vehicle.rigid_bodies import chosen_engine
 from survey.core.errors import ConfigError
 
 
@@ -40,7 +40,7 @@ def test_an_engine_that_is_not_installed_is_refused_in_one_sentence(installed, n
 
 
 def test_a_missing_bullet_ends_in_one_error_and_no_recursion(monkeypatch):
-    from sim.vehicle.bullet import BulletClient
+    from sim.vehicle.rigid_bodies import BulletClient
 
     monkeypatch.setitem(sys.modules, "pybullet", None)
     unraised = []

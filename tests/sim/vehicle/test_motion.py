@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim.vehicle.motion import RoverMotion
-from sim.vehicle.physics import RoverState
+from sim.vehicle.motion import RoverMotion, RoverState
 
 
 def turning() -> RoverMotion:

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim.config.drive import PhysicsConfig
+from sim.config.rover import PhysicsConfig
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 
 PATH = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])

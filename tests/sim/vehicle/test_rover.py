@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planners import Rover
-from sim.config.drive import PhysicsConfig
-from sim.vehicle.physics import KinematicRover
+from sim.config.rover import PhysicsConfig
+from sim.vehicle.motion import KinematicRover
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.config.scene import AppearanceConfig
+from sim.config.world import AppearanceConfig
 from sim.world.appearance import GRAIN_TEXELS, grain_tile, packed, snow_patches, sun_direction
 
 

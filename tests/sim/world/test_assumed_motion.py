@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
-from sim.config.ice import IceAssumptions, IceConfig
+from sim.config.world import IceAssumptions, IceConfig
 from sim.mission.runs import read_mission
-from sim.world.assumed_motion import assumed_motion
+from sim.world.moving_ice import assumed_motion
 from survey import Dem, Grid
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim.config.ice import IceConfig
+from sim.config.world import IceConfig
 from sim.world.moving_ice import MovingIce
 from survey import Dem, Grid
 

@@ -5,10 +5,8 @@ import pytest
 import shapely
 
 from benchmarks.small_inputs import BARE_SCENERY
-from sim.config.scene import SceneryConfig
-from sim.world.band_limited import band_limited_field
-from sim.world.fine_terrain import FineTerrain
-from sim.world.scenery import fine_terrain
+from sim.config.world import SceneryConfig
+from sim.world.fine_terrain import FineTerrain, band_limited_field, fine_terrain
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

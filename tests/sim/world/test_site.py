@@ -3,11 +3,11 @@ import pytest
 
 from planners import LawnmowerConfig
 from sim.config.mission import AreaConfig, MissionConfig
-from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
+from sim.config.world import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
 from sim.world.site import build_world
 from survey import ConfigError, Dem, Grid, InputError
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import projected_crs
+from survey.core.transformation import transformed
 
 CRS = "EPSG:32608"
 CRS_BESIDE = projected_crs("EPSG:32609", "the test")

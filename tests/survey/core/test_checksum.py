@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.core.checksum import checksum, refuse_altered
+from survey.io.arrays_file import checksum, refuse_altered
 
 
 def test_every_bit_changes_the_checksum() -> None:

@@ -8,9 +8,7 @@ from functools import cached_property
 import numpy as np
 import pytest
 
-from survey.core.arrays import frozen
-from survey.core.data_object import DataObject
-from survey.core.mappings import ReadOnlyMapping
+from survey.core.arrays import DataObject, ReadOnlyMapping, frozen
 
 
 @dataclass(frozen=True, eq=False, repr=False)

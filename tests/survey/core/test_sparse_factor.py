@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from survey.core.sparse_factor import SparseFactor
+from survey.data.path_error import SparseFactor
 
 _SIZE = 90
 

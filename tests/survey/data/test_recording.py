@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from survey import Camera, Frames, InputError, Recording
-from survey.data.camera.frame_writer import FrameWriter
-from survey.data.sensors.aiding import GpsFixes, Inertial, Wheels
+from survey.data.frames import FrameWriter
+from survey.data.sensors.records import GpsFixes, Inertial, Wheels
 from survey.data.sensors.stakes import Stakes, StakeSightings
 
 MOUNTED = np.array([[0.0, 0, 1, 0.3], [-1, 0, 0, 0], [0, -1, 0, 0.7], [0, 0, 0, 1]])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.data.sensors.stake_files import read_stake_surveys
+from survey.data.sensors.stakes import read_stake_surveys
 
 TABLE = """point,time,x,y,z
 north,2026-07-01T09:30:00Z,500010.0,6000020.0,812.0

@@ -6,7 +6,7 @@ import pytest
 from survey import Dem, Grid, SurfacePoints
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.thinning import most_informative
+from survey.data.landmarks import most_informative
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 
 CRS = "EPSG:32608"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.data.trajectory import Trajectory
 from survey.figures import terrain_profile, trajectory_error
 from survey.figures.curves import cross_line

@@ -5,7 +5,7 @@ import pytest
 from affine import Affine
 
 from survey.core.errors import InputError
-from survey.core.quantity_text import round_number
+from survey.core.text import round_number
 from survey.data.dem import Dem
 from survey.figures import (
     calibration_plot,

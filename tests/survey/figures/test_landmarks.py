@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid, SurfacePoints
-from survey.figures.landmarks import landmark_map
+from survey.figures.maps import landmark_map
 
 GRID = Grid((0.0, 0.0, 300.0, 200.0), 10.0, "EPSG:32608")
 TERRAIN = Dem.on(GRID, np.zeros(GRID.shape))

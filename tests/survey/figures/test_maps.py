@@ -8,11 +8,10 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.figures import deviation_map, landmark_map, png_bytes, support_map, survey_map, terrain_comparison
-from survey.figures.cartography.layout import view
-from survey.figures.cartography.relief import elevation_limits, relief_exaggeration, thinned
+from survey.figures.layout import view
+from survey.figures.map_layers import elevation_limits, relief_exaggeration, thinned
 from survey.figures.style import ROVERS
 
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from survey import Dem, Grid, SurveyArea
 from survey.figures import path_map, survey_map
-from survey.figures.narrow import NARROW_IN, narrow_image
+from survey.figures.layout import NARROW_IN, narrow_image
 from survey.figures.style import SHARP_DPI, png_bytes
 
 GRID = Grid((0.0, 0.0, 60.0, 30.0), 5.0, "EPSG:32608")

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from survey import Dem, Grid, InputError, Route, SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.figures import plan_map
 
 CRS = "EPSG:32608"

@@ -7,7 +7,7 @@ import pytest
 
 from survey import Dem, Grid
 from survey.core.errors import InputError
-from survey.figures.residuals import residual_histogram, residual_map
+from survey.figures.errors import residual_histogram, residual_map
 from survey.scoring import Checkpoints, ErrorStatistics, compare
 
 GRID = Grid((0.0, 0.0, 300.0, 200.0), 10.0, "EPSG:32608")

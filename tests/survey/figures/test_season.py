@@ -2,7 +2,7 @@
 
 import pytest
 
-from survey.figures.season import season_plot
+from survey.figures.plans import season_plot
 
 ERRORS = {0: [(2, 0.9), (4, 0.5)], 2: [(2, 0.6), (4, 0.3)]}
 PARTS = {"between swaths": 0.08, "density": 0.12}

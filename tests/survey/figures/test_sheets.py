@@ -9,10 +9,10 @@ import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from survey import Dem, Grid, Route, SurveyArea
-from survey.data.legs import Leg
-from survey.figures.cartography.relief import draw_contours
+from survey.data.route import Leg
+from survey.figures.map_layers import draw_contours
+from survey.figures.page_layout import RIGHT_IN, WIDTH_IN
 from survey.figures.sheets import PlanContent, RoverEffort, pdf_bytes, plan_sheets
-from survey.figures.sheets.frame import RIGHT_IN, WIDTH_IN
 
 CRS = "EPSG:32608"
 AREA = SurveyArea(shapely.box(526_000.0, 6_478_000.0, 526_600.0, 6_478_400.0), CRS)

@@ -5,9 +5,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from survey import Dem, Grid, SurveyArea, figures
-from survey.figures.change import change_map
-from survey.figures.residuals import residual_histogram, residual_quantiles
-from survey.reconstruction.base import Reconstruction
+from survey.figures.errors import residual_histogram, residual_quantiles
+from survey.figures.maps import change_map
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import Change, ErrorStatistics
 
 

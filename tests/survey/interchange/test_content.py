@@ -8,9 +8,8 @@ import shapely
 
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
-from survey.data.route import Route
-from survey.interchange.content import kind_of
+from survey.data.route import Leg, Route
+from survey.interchange.conversion import kind_of
 from survey.interchange.route_formats import write_plan
 from survey.interchange.route_readers import READERS
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
-from survey.interchange.scans import SensorPath, read_scans, scan_files
+from survey.interchange.scans import SensorPath, kitti_time_s, read_kitti_scan, read_scans, scan_files
 
 POINTS = np.array([[1.0, 0.0, -2.0, 0.3], [0.0, 0.0, 0.0, 0.0], [0.0, 4.0, -2.0, 0.1]], dtype="<f4")
 

@@ -11,10 +11,9 @@ import shapely
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
-from survey.data.route import Route
-from survey.interchange.kml import write_kml, write_kmz
-from survey.interchange.surroundings import Surroundings
+from survey.data.route import Leg, Route
+from survey.interchange.missions import Surroundings
+from survey.interchange.route_writers import write_kml, write_kmz
 
 CRS = "EPSG:32608"
 ORIGIN = np.array([600_000.0, 6_700_000.0])

@@ -12,8 +12,7 @@ from pymavlink import mavwp
 from pyproj import Transformer
 
 from survey.core.errors import InputError
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.interchange.route_formats import read_plan, write_plan
 
 CRS = "EPSG:32608"

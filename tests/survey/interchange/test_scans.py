@@ -8,7 +8,7 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
-from survey.interchange.point_clouds import cloud_xyz
+from survey.interchange.bags import cloud_xyz
 from survey.interchange.scans import SensorPath, read_scans, scan_files
 from tests.survey.interchange.cloud_bags import write_cloud_bag
 

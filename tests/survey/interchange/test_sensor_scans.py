@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.interchange.sensor_scans import holds_sensor_scans, read_sensor_scans
+from survey.interchange.scans import holds_sensor_scans, read_sensor_scans
 from tests.survey.interchange.cloud_bags import write_cloud_bag
 
 XYZ = np.array([[1.0, 2.0, -2.0], [4.0, 5.0, -1.0]])

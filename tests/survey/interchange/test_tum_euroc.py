@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Inertial
+from survey.data.sensors.records import GpsFixes, Inertial
 from survey.interchange.tum_euroc import write_euroc, write_tum_list
 
 TIMES = [10.0, 10.25, 10.5]

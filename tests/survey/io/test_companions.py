@@ -8,9 +8,8 @@ import shapely
 from pyproj import CRS
 
 from survey import Dem, Grid, InputError
-from survey.io.companions import companion_files
+from survey.io.dataset_files import companion_files, raster_sources
 from survey.io.vector import write_features
-from survey.io.vrt import raster_sources
 
 UTM = "EPSG:32608"
 MOSAIC = """<VRTDataset rasterXSize="4" rasterYSize="3"><SRS>EPSG:32608</SRS>

@@ -8,8 +8,7 @@ from pyproj import CRS
 from shapely import box
 
 from survey import Dem, Grid, SurveyArea
-from survey.core.crs.agreement import equal_crs
-from survey.core.crs.checks import crs_text
+from survey.core.crs import crs_text, equal_crs
 from survey.data.surface_points import SurfacePoints
 
 OWN = "+proj=tmerc +lat_0=46 +lon_0=10.5 +k=0.9999 +x_0=1000 +y_0=2000 +ellps=GRS80 +units=m"

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from survey.core.errors import CapacityError, InputError
-from survey.io import document_checks
-from survey.io.document_checks import check_json, check_xml
+from survey.io import file_kinds as document_checks
+from survey.io.file_kinds import check_json, check_xml
 
 NAMED = '{"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": "%s"}}, "features": []}'
 

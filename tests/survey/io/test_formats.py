@@ -17,12 +17,10 @@ from benchmarks.format_samples import SAMPLES, flipped, mutated, put, truncated
 from survey import Dem, Grid, InputError, SurveyArea
 from survey.core.errors import FirnlineError
 from survey.data.trajectory import Trajectory
-from survey.interchange.content import kind_of
-from survey.interchange.convert import convert
-from survey.io.points.formats import read_point_table
-from survey.io.pose_files import read_kitti, read_tum
+from survey.interchange.conversion import convert, kind_of
+from survey.io.point_files import read_point_table
 from survey.io.raster import read_raster, write_raster
-from survey.io.tracks import read_track
+from survey.io.trajectory_files import read_kitti, read_track, read_tum
 
 UTM = "EPSG:32608"
 GRID = Grid((500_000.0, 6_700_000.0, 500_090.0, 6_700_050.0), 10.0, UTM)

@@ -7,7 +7,7 @@ import pytest
 
 from survey import SurveyArea
 from survey.core.errors import CapacityError, InputError
-from survey.io import kmz
+from survey.io import file_kinds as kmz
 from survey.io.vector import layer_names
 
 PLACEMARK = """<Placemark><name>{name}</name><Polygon><outerBoundaryIs><LinearRing><coordinates>

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.io.points.formats import read_point_table
+from survey.io.point_files import read_point_table
 
 PLAIN = "x_m,y_m,z_m,sigma_z_m\n" + "".join(f"{k}.5,2{k}.25,81{k}.125,0.0{k}5\n" for k in range(1, 7))
 EXPORT = "Point;Easting;Northing;Elevation\r\n" + "".join(

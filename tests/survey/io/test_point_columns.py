@@ -8,9 +8,9 @@ import pytest
 from pyproj import Transformer
 
 from survey import Dem, Grid, InputError, SurfacePoints
-from survey.core.crs.choice import chosen_crs
-from survey.interchange.convert import convert
-from survey.io.point_columns import place_columns
+from survey.core.transformation import chosen_crs
+from survey.interchange.conversion import convert
+from survey.io.point_table import place_columns
 from survey.scoring import Checkpoints, compare
 
 UTM = "EPSG:32608"

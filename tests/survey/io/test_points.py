@@ -9,8 +9,8 @@ import shapely
 
 from survey.core.errors import CapacityError, InputError
 from survey.data.surface_points import SurfacePoints
-from survey.io.points import table as point_files
-from survey.io.points.formats import read_point_table
+from survey.io import point_table as point_files
+from survey.io.point_files import read_point_table
 from survey.io.vector import write_features
 
 FORMATS = [".csv", ".gpkg", ".geojson", ".las", ".laz", ".ply"]

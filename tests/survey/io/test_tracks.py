@@ -5,8 +5,7 @@ import pytest
 from pyproj import CRS
 
 from survey import InputError
-from survey.io.pose_files import read_tum
-from survey.io.tracks import read_gpx, read_track, write_track
+from survey.io.trajectory_files import read_gpx, read_track, read_tum, write_track
 
 UTM = CRS("EPSG:32608")
 XYZ = np.array([[5e5, 6.47e6, 7.0], [5e5 + 1.0, 6.47e6, 8.0]])

@@ -9,7 +9,7 @@ import rasterio
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.terrain_map import Reconstruction
 
 GRID = Grid((0.0, 0.0, 40.0, 30.0), 1.0, "EPSG:32608")
 

@@ -7,11 +7,11 @@ from pyproj import CRS
 
 from survey import Dem, Grid, SurfacePoints, SurveyArea, reconstruct
 from survey.core.arrays import FloatArray
-from survey.reconstruction.base import BEYOND, UNSEEN, Reconstruction
 from survey.reconstruction.beyond_points import BeyondPoints, beyond_sentences, widened_beyond
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-from survey.scoring.standards.certificate import certificate, own_claim
+from survey.reconstruction.terrain_map import BEYOND, UNSEEN, Reconstruction
+from survey.scoring.standards.map_classes import certificate, own_claim
 
 CRS_UTM = CRS.from_epsg(32608)
 EXTENT_M = 400.0

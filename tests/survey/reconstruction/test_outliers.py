@@ -4,7 +4,7 @@ import numpy as np
 
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, GaussianProcessTerrain
-from survey.reconstruction.outliers import Outliers
+from survey.reconstruction.observations import Outliers
 
 
 def test_the_worst_comes_first() -> None:

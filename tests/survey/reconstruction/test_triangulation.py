@@ -6,7 +6,7 @@ import pytest
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
+from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, UNSEEN
 from survey.reconstruction.triangulation import triangulate
 
 CRS = "EPSG:32608"

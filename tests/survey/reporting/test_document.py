@@ -8,8 +8,16 @@ import pytest
 from matplotlib.figure import Figure
 
 from survey.core.errors import ConfigError
-from survey.reporting.document.content import Chapter, Document, DrawnFigure, Statement, Table
-from survey.reporting.document.writing import check_target, html_page, write_document
+from survey.reporting.document import (
+    Chapter,
+    Document,
+    DrawnFigure,
+    Statement,
+    Table,
+    check_target,
+    html_page,
+    write_document,
+)
 
 TABLE = Table(
     "residuals", "Residuals", ("Point", "Residual [m]"), (("=P1", "\u22120.250"), ("P2", "0.100")), 1

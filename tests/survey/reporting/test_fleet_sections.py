@@ -9,8 +9,7 @@ import pytest
 from survey import Dem
 from survey.data.sensors.payload import Quantity
 from survey.reporting import FleetResults, HazardResults, PayloadResults, RoverDrive, write_report
-from survey.reporting.fleet_rows import fleet_rows
-from survey.reporting.payload_rows import payload_rows
+from survey.reporting.summary import fleet_rows, payload_rows
 from tests.survey.reporting.test_page import Outline, surveyed
 
 WARM = Quantity(name="air_temperature", unit="degC", noise_sd=0.1)

@@ -11,7 +11,7 @@ from PIL import Image
 from survey.core.errors import InputError
 from survey.reporting import SurveyResults, write_report
 from survey.reporting.page import _write
-from survey.reporting.picture import animation_of
+from survey.reporting.rendering import animation_of
 
 FIGURES = {
     "map", "terrain", "std", "support", "landmarks", "error", "profile", "calibration", "histogram", "distance", "trajectory", "path", "path_error",

@@ -10,7 +10,7 @@ import rasterio
 import shapely
 
 from survey import Dem, Grid, Reconstruction, Route, SurveyArea
-from survey.data.legs import Leg
+from survey.data.route import Leg
 from survey.reporting.qgis import QgisGroup, QgisLayer, write_project
 from tests.survey.reporting.qgis_check import layers_in_qgis, qgis_python
 

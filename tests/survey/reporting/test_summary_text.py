@@ -11,8 +11,7 @@ from survey.reporting.quantities import (
     percent,
     setting,
 )
-from survey.reporting.score_rows import score_rows
-from survey.reporting.summary_text import calibration_sentence, conditions, verdict_sentence
+from survey.reporting.summary import calibration_sentence, conditions, score_rows, verdict_sentence
 from survey.scoring import Calibration, judge
 
 

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
-from survey.reporting.fleet_rows import HEADINGS, fleet_rows
-from survey.reporting.payload_rows import payload_rows
-from survey.reporting.surveyed import FleetResults, RoverDrive
+from survey.reporting.summary import FLEET_HEADINGS as HEADINGS
+from survey.reporting.summary import fleet_rows, payload_rows
+from survey.reporting.survey_results import FleetResults, RoverDrive
 
 CRS = "EPSG:32608"
 

@@ -11,7 +11,7 @@ import survey
 from survey import Dem, Grid, InputError, Reconstruction, SurveyArea
 from survey.io.raster import write_raster
 from survey.scoring import blocks
-from survey.scoring.error_sketch import ErrorSketch
+from survey.scoring.blocks import ErrorSketch
 
 UTM = "EPSG:32608"
 

@@ -11,8 +11,7 @@ from pyproj import CRS
 
 from survey import InputError
 from survey.io.vector import write_features
-from survey.scoring.class_scores import class_scores, slope_classes
-from survey.scoring.land_cover import land_cover_at
+from survey.scoring.class_scores import class_scores, land_cover_at, slope_classes
 
 UTM = CRS("EPSG:32608")
 PLACES = np.array([[500_005.0, 6_700_005.0], [500_015.0, 6_700_005.0], [500_095.0, 6_700_005.0]])

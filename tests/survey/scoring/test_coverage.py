@@ -8,8 +8,7 @@ from shapely import Polygon
 from survey.core.errors import InputError
 from survey.core.map_scale import scale_factors
 from survey.data.area import SurveyArea
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.scoring import Coverage, SampleCells, centeredness, distribution, science_coverage
 
 UTM = CRS("EPSG:32608")

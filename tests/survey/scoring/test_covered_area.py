@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import survey
 from firnline.cli.main import app
 from survey import Dem, Grid, SurveyArea
-from survey.reporting.summary_text import verdict_sentence
+from survey.reporting.summary import verdict_sentence
 from survey.scoring import Checkpoints, Score, compare, score_at
 from survey.scoring.blocks import score_files
 

@@ -13,8 +13,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.data.route import Leg, Route
 from survey.reconstruction import Reconstruction
 
 UTM = CRS("EPSG:32608")

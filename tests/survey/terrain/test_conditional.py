@@ -1,8 +1,8 @@
 import numpy as np
 
 from survey import Dem, Grid
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.terrain.conditional import CoarseCells
+from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.terrain.random_fields import CoarseCells
 
 
 def test_cells_of_a_grid_share_their_covariances_by_lag(rng):

@@ -10,7 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.terrain import ice_micro_relief
-from survey.terrain.micro_relief import CREST_AZIMUTH_DEG, LONGEST_WAVE_M, MEASURED_SD_M
+from survey.terrain.synthetic import CREST_AZIMUTH_DEG, LONGEST_WAVE_M, MEASURED_SD_M
 
 AZIMUTHS_DEG = (90, 120, 150, 186)
 

@@ -8,7 +8,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.prior import PRODUCTS
 from survey.terrain import satellite_copy
-from survey.terrain.product import ProductErrors, product_copy
+from survey.terrain.satellite import ProductErrors, product_copy
 
 GRID = Grid((0.0, 0.0, 600.0, 600.0), 5.0)
 SLOPE = Dem.on(GRID, 0.1 * GRID.xy[:, 0].reshape(GRID.shape))

@@ -5,10 +5,10 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from sim.config.terrain import TerrainFamily
+from sim.config.world import TerrainFamily
 from survey.core.errors import ConfigError, InputError
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
 from survey.terrain import (
     fractional_brownian,
     matern_field,

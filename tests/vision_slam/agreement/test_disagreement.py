@@ -6,19 +6,22 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes, Inertial
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.agreement import disagreement
-from vision_slam.agreement.disagreement import reconcile
-from vision_slam.agreement.evidence import agrees_better_delayed, fitted_memory_s, fitted_turn_sigma_m
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes, Inertial
+from vision_slam.agreement import evidence as disagreement
+from vision_slam.agreement.evidence import (
+    agrees_better_delayed,
+    fitted_memory_s,
+    fitted_turn_sigma_m,
+    reconcile,
+)
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import image_config
 
 RTK = LocalizationConfig(

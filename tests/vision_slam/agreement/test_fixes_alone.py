@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.agreement.fixes_alone import along_fixes, is_worse_than_fixes
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
+from vision_slam.agreement.evidence import along_fixes, is_worse_than_fixes
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 
 WIDE = LocalizationConfig(
     start="unknown", scale_wander_sigma=0.25, scale_wander_m=20.0, step_sigma_m=0.2, gps_white_sigma_m=0.3

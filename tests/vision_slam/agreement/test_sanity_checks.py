@@ -9,16 +9,16 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import GpsFixes
 from vision_slam.agreement.sanity_checks import (
     check_start_by_fixes,
     fix_delay_s,
     refuse_swapped_images,
 )
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.rotation import rotations
+from vision_slam.motion import dead_reckoning
 
 SITE = CRS("EPSG:32608")
 CONFIG = LocalizationConfig()

@@ -9,12 +9,10 @@ from scipy.spatial.transform import Rotation
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes, Wheels
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.agreement.drive import Drive
-from vision_slam.agreement.shape import refuse_other_wheel_scale, tilt_note
-from vision_slam.agreement.steps import check_shape
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes, Wheels
+from vision_slam.agreement.scale import refuse_other_wheel_scale, tilt_note
+from vision_slam.agreement.steps import Drive, check_shape
 from vision_slam.config import LocalizationConfig
 from vision_slam.odometry.odometer import VisualOdometry
 

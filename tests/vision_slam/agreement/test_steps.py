@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.agreement.disagreement import reconcile
-from vision_slam.agreement.drive import Drive
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
+from vision_slam.agreement.evidence import reconcile
 from vision_slam.agreement.steps import (
+    Drive,
     align_drive,
     drop_far_fixes,
     drop_fixes_in_gaps,
@@ -21,7 +20,7 @@ from vision_slam.agreement.steps import (
 )
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.pipeline import image_config
 

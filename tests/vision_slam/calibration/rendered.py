@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from vision_slam.calibration.boards import CharucoBoard
 
 SIZE = (480, 360)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.calibration.rendered import (
     CAMERA,
     charuco_images,
@@ -18,10 +18,8 @@ from tests.vision_slam.calibration.rendered import (
     poses,
 )
 from vision_slam.calibration.boards import BoardView, Chessboard
-from vision_slam.calibration.calibrate import calibrate
-from vision_slam.calibration.fit import fit_lens, parameter_covariance
-from vision_slam.calibration.plotting import calibration_figure
-from vision_slam.calibration.requirements import tilts_deg
+from vision_slam.calibration.calibrate import calibrate, calibration_figure
+from vision_slam.calibration.fit import fit_lens, parameter_covariance, tilts_deg
 
 TRUE = np.r_[CAMERA.matrix[0, 0], CAMERA.matrix[1, 1], CAMERA.matrix[:2, 2], CAMERA.distortion]
 BOARD = Chessboard(9, 6, 0.02)

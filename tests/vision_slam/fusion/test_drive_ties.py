@@ -8,12 +8,11 @@ from scipy import sparse
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.path_error import PathError
-from survey.data.sensors.drive_ties import DriveTies
+from survey.data.sensors.odometry import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.joint.correction import PathCorrection
-from survey.reconstruction.joint.several_drives import SeveralDrives
-from vision_slam.fusion.drive_ties import tie_drives
+from survey.reconstruction.joint.drives import PathCorrection, SeveralDrives
+from vision_slam.fusion.pose_constraints import tie_drives
 
 CRS_ = CRS("EPSG:32608")
 N = 6

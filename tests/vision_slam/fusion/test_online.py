@@ -7,21 +7,15 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording, Recording
-from survey.data.sensors.aiding import (
-    Barometer,
-    Compass,
-    GpsFixes,
-    Wheels,
-)
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import Barometer, Compass, GpsFixes, Wheels
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.consistency import consistency
+from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path, gate_fixes, predicted_covariance
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import localize
-from vision_slam.rotation import rotations
 
 CONFIG = LocalizationConfig()
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from vision_slam.attitude import rotations
 from vision_slam.fusion.pose_constraints import pose_jacobian
-from vision_slam.rotation import rotations
 
 
 def test_the_derivatives_are_the_numerical_ones() -> None:

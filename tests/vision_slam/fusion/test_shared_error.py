@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.instruments.errors import gauss_markov
+from sim.instruments.sensor import gauss_markov
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Inertial
-from survey.data.sensors.loop_closures import LoopClosures
-from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.odometry import LoopClosures, Odometry
+from survey.data.sensors.records import GpsFixes, Inertial
 from survey.data.sensors.stakes import Stakes, StakeSightings
 from vision_slam import LocalizationConfig
+from vision_slam.attitude import rotations
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.rotation import rotations
+from vision_slam.motion import dead_reckoning
 
 CRS = "EPSG:32608"
 LASTING = LocalizationConfig(

@@ -5,14 +5,13 @@ import pytest
 
 from survey import InputError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Barometer, GpsFixes, Inertial
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import Barometer, GpsFixes, Inertial
 from vision_slam import LocalizationConfig, localize
+from vision_slam.attitude import rotations, turned
 from vision_slam.fusion.smoother import SmoothedPath, node_spacing_m, smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.pipeline import image_config
-from vision_slam.rotation import rotations, turned
 
 CRS = "EPSG:32608"
 

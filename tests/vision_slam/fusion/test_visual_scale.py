@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.fusion.visual_scale import (
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
+from vision_slam.agreement.scale import (
     fit_scale,
     refuse_short_fixes,
     refuse_untracked,
     scale_by_fixes,
     scale_visual_odometry,
 )
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.attitude import rotations
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.rotation import rotations
 
 TIMES = np.arange(60.0)
 PATH = np.column_stack([10.0 * np.sin(TIMES / 20.0), 10.0 - 10.0 * np.cos(TIMES / 20.0), np.zeros(60)])

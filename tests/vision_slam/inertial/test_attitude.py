@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Inertial
-from vision_slam.inertial.attitude import world_attitudes
-from vision_slam.io.sequence import ImageSequence
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Inertial
+from vision_slam.attitude import world_attitudes
+from vision_slam.readers.sequence import ImageSequence
 
 
 def test_what_came_after_a_hole_does_not_tilt_what_came_before(camera: Camera) -> None:

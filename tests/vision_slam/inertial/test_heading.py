@@ -7,15 +7,14 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import Compass, GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import Compass, GpsFixes, Inertial
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
-from vision_slam.consistency import consistency
+from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.inertial.gyro import gyro_residual_rad
-from vision_slam.rotation import rotations
+from vision_slam.motion import dead_reckoning, gyro_residual_rad
 
 WALK_DEG = 0.1
 CONFIG = LocalizationConfig(

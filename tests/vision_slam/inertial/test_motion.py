@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Inertial, Wheels
-from vision_slam.inertial.motion import MotionSensors, RelativeMotion
-from vision_slam.io.sequence import ImageSequence
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Inertial, Wheels
+from vision_slam.motion import MotionSensors, RelativeMotion
+from vision_slam.readers.sequence import ImageSequence
 
 
 def _rocking(time_s: FloatArray) -> Rotation:

@@ -5,8 +5,8 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.sensors.aiding import Inertial, Wheels
-from vision_slam.inertial.units import refuse_other_units
+from survey.data.sensors.records import Inertial, Wheels
+from vision_slam.recordings import refuse_other_units
 
 TIMES = np.arange(0.0, 60.0, 0.02)
 ROLLED = Wheels(TIMES, TIMES, TIMES)

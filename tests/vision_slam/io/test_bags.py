@@ -15,10 +15,10 @@ from rosbags.rosbag2 import Writer as SecondWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from vision_slam.io.bags.reading import is_bag, read_bag
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import georeference
+from survey.data.camera import Camera
+from vision_slam.readers.bags import is_bag, read_bag
+from vision_slam.readers.folders import read_sequence
+from vision_slam.readers.sequence import georeference
 
 NOISE = np.random.default_rng(3).integers(0, 255, (4, 12, 16), dtype=np.uint8)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from survey.core.errors import InputError
-from vision_slam.io.calibrations import read_calibration
+from vision_slam.readers.calibrations import read_calibration
 
 ROS = """\
 image_width: 640

@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from vision_slam.io.images import images_of, refuse_cut_off, refuse_other_sizes
-from vision_slam.io.photos.exif import read_photo
+from survey.data.camera import Camera
+from vision_slam.readers.images import images_of, refuse_cut_off, refuse_other_sizes
+from vision_slam.readers.photos import read_photo
 
 PIXELS = np.random.default_rng(1).integers(0, 255, (24, 32), dtype=np.uint8)
 TRAILERS = {

@@ -18,11 +18,11 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
-from survey.io.pose_files import read_tum, write_kitti, write_tum
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.references import read_poses
+from survey.data.camera import Camera
+from survey.data.frames import Image
+from survey.io.trajectory_files import read_tum, write_kitti, write_tum
+from vision_slam.readers.datasets import read_poses
+from vision_slam.readers.folders import read_sequence
 
 N, STEP_M, PERIOD_S = 10, 0.05, 0.1
 TIMES = PERIOD_S * np.arange(N)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from survey.core.errors import FirnlineError
-from survey.data.camera.calibration import Camera
-from vision_slam.io.readers import read_sequence
+from survey.data.camera import Camera
+from vision_slam.readers.folders import read_sequence
 
 N = 4
 _CALIBRATION = "P0: 240 0 15.5 0 0 240 11.5 0 0 0 1 0"

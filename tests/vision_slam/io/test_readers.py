@@ -8,14 +8,14 @@ import pytest
 from pyproj import CRS
 
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.aiding import GpsFixes
-from survey.io.tracks import write_track
-from vision_slam.inertial.motion import MotionSensors
-from vision_slam.io.gps_files import read_gps
-from vision_slam.io.images import images_of, read_pixels
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import georeference, scale_by_reference
+from survey.data.camera import Camera
+from survey.data.sensors.records import GpsFixes
+from survey.io.trajectory_files import write_track
+from vision_slam.motion import MotionSensors
+from vision_slam.readers.folders import read_sequence
+from vision_slam.readers.gps_files import read_gps
+from vision_slam.readers.images import images_of, read_pixels
+from vision_slam.readers.sequence import georeference, scale_by_reference
 
 UTM = "EPSG:32608"
 

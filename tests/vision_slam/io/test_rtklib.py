@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from vision_slam.io.rtklib import read_positions
+from vision_slam.readers.gps_files import read_positions
 
 LINE = "{time} 60.5 -134.25 712.5 {quality} 9 0.003 0.004 0.01 0 0 0 0 0"
 

@@ -2,19 +2,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.loop_closures import LoopClosures
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from survey.data.sensors.stakes import StakeSightings, StakeSurveys
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.epoch import in_fixed_frame
 from survey.reconstruction.motion.priors import uniform_motion
 from vision_slam import LocalizationConfig, localize
-from vision_slam.localization import Localization
-from vision_slam.moving_ice.estimate import localize_on_ice
-from vision_slam.rotation import rotations
+from vision_slam.attitude import rotations
+from vision_slam.drive_estimate import Localization
+from vision_slam.pipeline import localize_on_ice
 
 DAY_S = 86400.0
 CONFIG = LocalizationConfig(gps_bias_sigma_m=0.02, gps_white_sigma_m=0.01, gps_vertical_factor=1.0)

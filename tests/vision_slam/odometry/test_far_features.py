@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from vision_slam.odometry.far_features import FarFeatures
+from survey.data.camera import Camera
+from vision_slam.odometry.landmarks import FarFeatures
 from vision_slam.odometry.tracks import Track
 
 N, STEP_M = 1000, 0.2

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.odometry.poses import pose_at
-from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.pixel_noise import PixelNoise
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.motion import RelativeMotion
+from vision_slam.odometry.resection import PixelNoise
 from vision_slam.odometry.visual_slam import VisualSlam
 
 

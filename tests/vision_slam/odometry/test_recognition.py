@@ -5,12 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.conftest import PlaneWorld
-from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.odometry.clahe import ContrastEnhancer
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.recognition import ViewRecognizer
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.motion import RelativeMotion
+from vision_slam.odometry.resection import ViewRecognizer
+from vision_slam.odometry.tracks import ContrastEnhancer
 from vision_slam.odometry.visual_slam import VisualSlam
 
 N_SEEN = 9

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vision_slam.odometry.triangulation import intersected
+from vision_slam.odometry.landmarks import intersected
 
 PLACES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.5, 0.0]])
 

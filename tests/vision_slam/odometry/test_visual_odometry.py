@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Inertial, Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Inertial, Wheels
 from tests.vision_slam.odometry.poses import pose_at
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import ImageSequence, scale_by_reference
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.readers.folders import read_sequence
+from vision_slam.readers.sequence import ImageSequence, scale_by_reference
 
 
 def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:

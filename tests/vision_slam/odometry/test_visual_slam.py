@@ -8,17 +8,17 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Inertial, Wheels
+from survey.data.sensors.records import GpsFixes, Inertial, Wheels
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.io.sequence import ImageSequence
+from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.pipeline import localize
+from vision_slam.readers.sequence import ImageSequence
 
 
 def _even(n: int, step: float) -> FloatArray:

@@ -8,14 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.drive_ties import DriveTies
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.odometry import DriveTies, Odometry, Sightings
 from survey.data.trajectory import Trajectory
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.places.drive_ties import SeenDrive, detect_drive_ties
+from vision_slam.places.loop_closures import SeenDrive, detect_drive_ties
 
 STEP_M, N_POSES = 0.25, 28
 NO_LANDMARKS = Sightings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))

@@ -7,15 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
+from survey.data.camera import Camera
+from survey.data.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.places.ground_view import GroundMosaics, GroundView
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
+from vision_slam.places.ground_view import GroundMosaics, GroundView, match_overlay
 from vision_slam.places.loop_closures import detect_loop_closures
-from vision_slam.places.overlay import match_overlay
 from vision_slam.places.relocalization import match_ground
 
 STEP_M = 0.25

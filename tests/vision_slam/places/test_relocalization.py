@@ -8,16 +8,15 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Wheels
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes, Wheels
+from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.relocalization import relocalize_segments, segment_starts
-from vision_slam.rotation import rotations
 
 SITE = CRS("EPSG:32608")
 RADIUS_M = 40.0

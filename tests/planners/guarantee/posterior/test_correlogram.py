@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.posterior.correlogram import Correlogram
-from survey.reconstruction.gp.selection.cells import Cell
-from survey.reconstruction.gp.selection.kernel_search import ALL
+from planners.guarantee.error_distribution import Correlogram
+from survey.reconstruction.gp.kernel_search import ALL, Cell
 
 
 @pytest.mark.parametrize("family", ALL)

@@ -1,15 +1,11 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.posterior.kernel_posterior import (
-    localized_noise_m,
-    posterior_from_prior,
-    posterior_from_survey,
-)
-from planners.guarantee.posterior.prior_blocks import PriorBlocks
-from planners.guarantee.posterior.surfaces import roughness_elsewhere
+from planners.guarantee.kernel_posterior import localized_noise_m, posterior_from_prior, posterior_from_survey
+from planners.guarantee.prior_fit import PriorBlocks
+from planners.guarantee.requirement import roughness_elsewhere
 from survey import Dem, Grid, SurveyArea
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain
 
 

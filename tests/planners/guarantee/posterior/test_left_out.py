@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.guarantee.posterior.left_out import checked_by_lines
+from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, checked_by_lines
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.kernel_search import Cell
 
 CELL = Cell.of("matern-3/2", 60.0, -12.0)
 ONE = WeightedKernel(CELL, 4.0, 0.1, 1.0)

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.guarantee.posterior.prior_blocks import Block, PriorBlocks
+from planners.guarantee.prior_fit import Block, PriorBlocks
 from survey import Dem, Grid, SurveyArea
 from survey.core.errors import InputError
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, smooth_terrain
 
 

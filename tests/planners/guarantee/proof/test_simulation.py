@@ -3,14 +3,13 @@ import pytest
 from scipy.stats import binom
 
 from planners import LawnmowerConfig, plan
-from planners.guarantee.posterior.kernel_posterior import KernelPosterior
-from planners.guarantee.proof.grounds import GROUNDS
-from planners.guarantee.proof.simulation import SimulatedErrors, SimulatedSurveys
+from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.requirement import MapRequirement
+from planners.guarantee.simulated_surveys import GROUNDS, SimulatedErrors, SimulatedSurveys
 from survey import Grid, SurveyArea
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.cells import Cell
-from survey.terrain.conditional import CoarseCells, ConditionalTerrain
+from survey.reconstruction.gp.kernel_search import Cell
+from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 from tests.planners.guarantee.smooth_site import CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from sim.config.sensors import LidarConfig
-from sim.instruments.lidar.drawn_scans import scans_along
-from sim.vehicle.exact_motion import exact_drive
+from sim.instruments.lidar import scans_along
+from sim.vehicle.motion import exact_drive
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
-from survey.data.scans.lidar_scans import LidarScans
+from survey.data.sensors.lidar import LidarScans
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.registered_scans import registered
+from survey.reconstruction.registration.scan_points import registered
 
 GRID = Grid((0.0, 0.0, 60.0, 60.0), 2.0)
 ROUTE = Route((Leg("swath", [[15.0, 30.0], [40.0, 32.0]]),), GRID.crs, "line")

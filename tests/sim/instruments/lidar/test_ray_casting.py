@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.instruments.lidar.ray_casting import HeightRaster
+from sim.instruments.lidar import HeightRaster
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -1,8 +1,6 @@
 """Fault trees: every missed run counts once on each level, and the picture has a box for each event."""
 
-from sim.mission.rehearsal.fault_tree import NOTHING, FaultEvent, fault_tree
-from sim.mission.rehearsal.figure import fault_tree_plot
-from sim.mission.rehearsal.runs import summarized
+from sim.mission.rehearsal import NOTHING, FaultEvent, fault_tree, fault_tree_plot, summarized
 
 FOUND = [
     {"cause": "met", "events": ["gps: jump"]},

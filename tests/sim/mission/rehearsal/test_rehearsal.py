@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from firnline.cli.main import app
 from sim.config.mission import MissionConfig
-from sim.mission.rehearsal.runs import DRAWN_LOSS, drawn_mission, outcomes, rehearse, summarized
+from sim.mission.rehearsal import DRAWN_LOSS, drawn_mission, outcomes, rehearse, summarized
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
 

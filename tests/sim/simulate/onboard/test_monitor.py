@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from sim.simulate.onboard.monitor import STEERED_HZ, DriveMonitor, heading_of
-from sim.simulate.simulated_drive import Ending
-from sim.vehicle.physics import RoverState
+from sim.simulate.simulated_drive import STEERED_HZ, DriveMonitor, Ending, heading_of
+from sim.vehicle.motion import RoverState
 from sim.vehicle.pursuit import PurePursuit
 from tests.sim.simulate.test_vision import mission
 

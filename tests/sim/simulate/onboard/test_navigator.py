@@ -12,16 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from sim.config.mission import MissionConfig
 from sim.simulate.navigation import Start
-from sim.simulate.onboard.navigator import OnboardComputer
-from sim.simulate.onboard.navigator_process import Subprocess, navigating
+from sim.simulate.navigator import OnboardComputer, Subprocess, navigating
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.recording import Recording
-from survey.data.sensors.aiding import Inertial
-from survey.data.sensors.readings import Readings
+from survey.data.camera import Camera
+from survey.data.recording import Readings, Recording
+from survey.data.sensors.records import Inertial
 from tests.sim.simulate.test_vision import ground, route
 from vision_slam import LocalizationConfig, visual_odometry
 from vision_slam.odometry.onboard import read_visual_odometry
@@ -130,7 +128,7 @@ def _step_often(navigator):
 
 
 def test_the_process_of_the_onboard_computer_imports_no_simulator():
-    code = "import sys, sim.simulate.onboard.navigator_process as _; print(*sys.modules)"
+    code = "import sys, sim.simulate.navigator as _; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     parts = ("planners", "sim.config", "sim.instruments", "sim.rendering", "sim.vehicle", "sim.world")
     assert [name for name in done.stdout.split() if name.startswith(parts)] == []

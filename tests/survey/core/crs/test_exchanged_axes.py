@@ -6,7 +6,7 @@ import shapely
 from pyproj import CRS, Transformer
 
 from survey import SurfacePoints, SurveyArea
-from survey.core.crs.exchanged_axes import refuse_degrees, refuse_exchanged
+from survey.core.crs import refuse_degrees, refuse_exchanged
 from survey.core.errors import InputError
 from survey.io.vector import write_features
 

@@ -5,9 +5,7 @@ import pytest
 from pyproj import CRS
 
 from survey import InputError
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.vertical_datum import same_vertical_datum, vertical_datum_of
+from survey.core.crs import projected_crs, same_crs, same_vertical_datum, vertical_datum_of
 
 
 def test_mixed_systems_are_refused():
@@ -45,7 +43,7 @@ with rasterio.open(place, "w", driver="GTiff", height=8, width=8, count=1, dtype
     grid.update_tags(TYPE="VERTICAL_OFFSET_GEOGRAPHIC_TO_VERTICAL", AREA_OR_POINT="Point")
     grid.set_band_description(1, "geoid_undulation")
 datadir.append_data_dir(sys.argv[1])
-from survey.core.crs.transformation import lacking_grids
+from survey.core.transformation import lacking_grids
 print(lacking_grids()["EGM96 height"])
 """
 

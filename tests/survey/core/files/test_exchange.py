@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from survey import InputError
-from survey.core.files import exchange
-from survey.core.files.replacing import refuse_foreign, replacing_files, replacing_folder
-from survey.core.files.writing import write_refusal
+from survey.core import replacement as exchange
+from survey.core.files import write_refusal
+from survey.core.replacement import refuse_foreign, replacing_files, replacing_folder
 
 OWN = ("*.txt", "pictures/*.png")
 
@@ -90,7 +90,7 @@ def test_a_killed_writer_leaves_the_old_folder_and_the_next_one_clears_its_draft
     replaced(tmp_path / "map", "old")
     killed = (
         "import os, sys, signal\n"
-        "from survey.core.files.replacing import replacing_folder\n"
+        "from survey.core.replacement import replacing_folder\n"
         "with replacing_folder(sys.argv[1], own=('*',)) as draft:\n"
         "    (draft / 'a.txt').write_text('half')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"

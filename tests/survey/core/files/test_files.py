@@ -14,8 +14,7 @@ from pyproj import CRS
 
 from survey import Dem, Grid, InputError
 from survey.core.documents import read_json, write_json
-from survey.core.files.reading import existing_file
-from survey.core.files.writing import finish_exchange, replacing, unwritable
+from survey.core.files import existing_file, finish_exchange, replacing, unwritable
 from survey.io.vector import read_features, write_features
 
 UTM = "EPSG:32608"

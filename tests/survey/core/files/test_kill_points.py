@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.kill_points import kill_points
-from survey.core.files.reading import existing_file
-from survey.core.files.replacing import replacing_files, replacing_folder
-from survey.core.files.writing import replacing
-from survey.core.runs.store import RunFolder
+from survey.core.files import existing_file, replacing
+from survey.core.replacement import replacing_files, replacing_folder
+from survey.core.run_folder import RunFolder
 
 
 def state(folder: Path) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from firnline.actions.interface import refuse_existing
-from survey.core.files.links import resolved
+from survey.core.replacement import resolved
 
 
 def test_a_link_leads_to_its_file(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from pyproj import CRS, Transformer
 
 from survey.core.errors import InputError
-from survey.core.map_scale.derivatives import ground_jacobian
+from survey.core.map_scale import ground_jacobian
 
 
 def test_the_central_meridian_of_a_utm_zone_has_the_scale_of_its_definition() -> None:

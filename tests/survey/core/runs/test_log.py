@@ -2,8 +2,8 @@
 
 import pytest
 
+from survey.core.documents import cut_incomplete_line, log_line, read_log
 from survey.core.errors import InputError
-from survey.core.runs.log import cut_incomplete_line, log_line, read_log
 
 ENTRIES = [{"level": "info", "message": "Größe 3 m"}, {"level": "warning", "message": "no fix\nfor 3 s"}]
 

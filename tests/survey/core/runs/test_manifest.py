@@ -5,14 +5,8 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.core.runs.manifest import (
-    file_sha256,
-    is_intact,
-    read_manifest,
-    with_checksum,
-    write_manifest,
-)
-from survey.core.runs.store import RunFolder
+from survey.core.documents import file_sha256, is_intact, read_manifest, with_checksum, write_manifest
+from survey.core.run_folder import RunFolder
 
 SHA = "0" * 64
 GOOD = {

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from survey import InputError
-from survey.core.runs.store import STAGES, RunFolder
+from survey.core.run_folder import STAGES, RunFolder
 
 
 def opened(tmp_path: Path, text: str = "seed = 1") -> RunFolder:

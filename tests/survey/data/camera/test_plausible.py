@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 
 MATRIX = np.array([[700.0, 0.0, 610.0], [0.0, 710.0, 180.0], [0.0, 0.0, 1.0]])
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.camera.radial import fold_radius, undistorted
+from survey.data.camera import Camera, fold_radius, undistorted
 
 MATRIX = np.array([[718.0, 0.0, 607.0], [0.0, 718.0, 185.0], [0.0, 0.0, 1.0]])
 

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.data.ice.motion import IceMotion
-from survey.data.ice.motion_file import read_motion, write_motion
+from survey.data.ice_motion import IceMotion, read_motion, write_motion
 
 DAY_S = 86400.0
 

@@ -7,10 +7,8 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.data.recording import Recording
-from survey.data.scans.lidar_scans import LidarScans
-from survey.data.scans.returns import LidarReturns
-from survey.data.scans.scanner import Scanner
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner
+from survey.data.sensors.records import GpsFixes
 
 SCANNER = Scanner(elevation_deg=(-30.0, 0.0), n_columns=4, mount_m=(0.2, 0.0, 1.0), turn_s=0.4)
 MINUTES = [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.data.scans.scanner import Scanner
+from survey.data.sensors.lidar import Scanner
 
 
 def test_rays_are_unit_vectors_at_the_elevations_of_the_beams():

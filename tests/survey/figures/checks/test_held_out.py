@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from survey.figures.checks.held_out import held_out_plot
-from survey.reconstruction.checks.predictive import PredictiveCheck, PredictiveScores
+from survey.figures.calibration import held_out_plot
+from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 
 
 @pytest.fixture

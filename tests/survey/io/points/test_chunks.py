@@ -9,8 +9,8 @@ import pytest
 from pyarrow import parquet
 
 from survey.core.errors import InputError
-from survey.io.points import chunks
-from survey.io.points.chunks import chunked_files, point_file_facts, read_chunks
+from survey.io import point_chunks as chunks
+from survey.io.point_chunks import chunked_files, point_file_facts, read_chunks
 from tests.survey.reconstruction.tiled.conftest import write_laz
 
 XYZ = np.round(np.random.default_rng(1).uniform(0.0, 100.0, (500, 3)), 3)

@@ -11,10 +11,10 @@ from pyproj import CRS
 
 from survey import SurfacePoints
 from survey.core.errors import InputError
-from survey.interchange.convert import convert
-from survey.io.points.chunks import read_chunks
-from survey.io.points.las import read_las
-from survey.io.points.ply import read_ply
+from survey.interchange.conversion import convert
+from survey.io.las import read_las
+from survey.io.point_chunks import read_chunks
+from survey.io.point_files import read_ply
 
 N = 40
 ODD = np.arange(N) % 2 == 1

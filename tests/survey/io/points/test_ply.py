@@ -7,8 +7,8 @@ import pytest
 from pyproj import CRS
 
 from survey.core.errors import InputError
-from survey.io.points.ply import read_ply, write_ply
-from survey.io.points.table import PointTable
+from survey.io.point_files import read_ply, write_ply
+from survey.io.point_table import PointTable
 
 UTM = CRS.from_epsg(32608)
 

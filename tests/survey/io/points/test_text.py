@@ -7,7 +7,7 @@ import pytest
 
 from survey import SurfacePoints
 from survey.core.errors import InputError
-from survey.io.points.formats import read_point_table
+from survey.io.point_files import read_point_table
 
 EXPORTS = {
     "degrees, semicolons, decimal commas": "Name;Breite;Länge;Höhe;SDV\nP1;46,4412;7,9061;912,5;0,02\n",

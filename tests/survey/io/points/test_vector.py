@@ -9,7 +9,7 @@ import shapely
 
 from survey.core.errors import InputError
 from survey.io.named_points import read_named_points
-from survey.io.points.formats import read_point_table
+from survey.io.point_files import read_point_table
 from survey.io.vector import write_features
 
 CRS = pyproj.CRS(32608)

@@ -9,7 +9,7 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.errors import InputError
-from survey.io.raster.categories import read_codes, write_categories
+from survey.io.raster.writing import read_codes, write_categories
 
 PLACE = Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 6_700_000.0)
 UTM = CRS.from_epsg(32608)

@@ -7,7 +7,7 @@ from pyproj import CRS
 
 from survey import InputError
 from survey.io.raster import write_raster
-from survey.io.raster.georeference import check_transform
+from survey.io.raster.opening import check_transform
 
 NORTH_UP = Affine(3.0, 0.0, 500_000.0, 0.0, -3.0, 6_700_000.0)
 WRONG = {

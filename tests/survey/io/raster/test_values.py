@@ -12,7 +12,7 @@ from rasterio.enums import ColorInterp
 from rasterio.windows import Window
 
 from survey import Dem, InputError
-from survey.interchange.convert import convert
+from survey.interchange.conversion import convert
 from survey.io.raster import opened_raster, read_raster, read_window
 
 UTM = "EPSG:32608"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from survey.io.text_tables.angles import degrees
+from survey.io.text_tables import degrees
 
 NORTH = 46.0 + 30.0 / 60.0 + 12.5 / 3600.0
 

@@ -7,7 +7,7 @@ import pytest
 
 from survey import InputError
 from survey.io.named_points import read_named_points
-from survey.io.points.formats import read_point_table
+from survey.io.point_files import read_point_table
 
 HEADER = "Point;Easting;Northing;Elevation\n"
 

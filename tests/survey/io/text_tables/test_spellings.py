@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from survey import ConfigError, InputError
+from survey.io.column_names import parsed_columns
 from survey.io.named_points import read_named_points
-from survey.io.text_tables.spellings import parsed_columns
 from survey.scoring import Checkpoints
 
 UTM = "EPSG:32608"

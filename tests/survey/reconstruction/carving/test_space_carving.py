@@ -8,10 +8,9 @@ import pytest
 from survey.core.errors import CapacityError, InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.carving.bases import BY_RAY
 from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.carving.descent import BY_RAY, wu_kernel
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
-from survey.reconstruction.carving.wu_kernel import wu_kernel
 
 CRS = "EPSG:32608"
 SENSOR = np.array([6.0, 6.0, 4.0])

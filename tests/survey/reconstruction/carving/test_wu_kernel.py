@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.carving.bases import (
+from survey.reconstruction.carving.descent import (
     BY_POINT,
     BY_RAY,
     Bases,
@@ -12,8 +12,9 @@ from survey.reconstruction.carving.bases import (
     LevelCells,
     add_fresh,
     fresh_height,
+    wu,
+    wu_kernel,
 )
-from survey.reconstruction.carving.wu_kernel import wu, wu_kernel
 
 
 def test_it_is_the_papers_polynomial_divided_by_four() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from survey import InputError, SurfacePoints
 from survey.core.arrays import FloatArray
-from survey.reconstruction.checks.blunders import (
+from survey.reconstruction.observations import (
     Blunders,
     refuse_far_places,
     refuse_feet_among_metres,

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from survey.reconstruction.checks.predictive import HeldOut, HeldOutGroups, PredictiveCheck, PredictiveScores
+from survey.reconstruction.checks import HeldOut, HeldOutGroups, PredictiveCheck, PredictiveScores
 
 
 def held_out(rng: np.random.Generator, times: float = 1.0, n: int = 240) -> HeldOut:

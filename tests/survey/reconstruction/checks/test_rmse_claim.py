@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from survey.reconstruction.checks.rmse_claim import RmseClaim, sampled_nodes
+from survey.reconstruction.checks import RmseClaim, sampled_nodes
 
 
 def covariance(n: int = 60) -> np.ndarray:

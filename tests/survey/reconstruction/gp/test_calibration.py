@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.reconstruction.gp.calibration import SigmaCalibration, left_out
+from survey.reconstruction.gp.fit import SigmaCalibration, left_out
 
 RNG = np.random.default_rng(3)
 SWATHS = np.column_stack([100.0 * RNG.integers(0, 4, 900) + RNG.normal(0, 6, 900), RNG.uniform(0, 400, 900)])

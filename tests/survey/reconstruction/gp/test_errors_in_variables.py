@@ -5,7 +5,7 @@ import pytest
 
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, GaussianProcessTerrain
-from survey.reconstruction.gp.errors_in_variables import variance_through_slope
+from survey.reconstruction.observations import variance_through_slope
 
 
 def test_flat_ground_leaves_the_marginal_variance() -> None:

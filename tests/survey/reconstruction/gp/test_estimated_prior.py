@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid, SurfacePoints
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.estimated_prior import estimated_prior
+from survey.reconstruction.gp.mean import estimated_prior
 from survey.reconstruction.prior import PRODUCTS, SatelliteErrors
 
 CRS = projected_crs("EPSG:32608", "the test")

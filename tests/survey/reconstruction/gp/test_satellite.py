@@ -5,7 +5,7 @@ import pytest
 
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.satellite import prior_error_kernel
+from survey.reconstruction.gp.mean import prior_error_kernel
 
 
 def test_the_kernel_is_that_of_interpolated_noise() -> None:

@@ -4,7 +4,7 @@ import pytest
 import shapely
 
 from survey.core.errors import InputError
-from survey.reconstruction.gp.volume import Volume, quadrature
+from survey.reconstruction.gp.gp_terrain import Volume, quadrature
 
 
 def test_the_areas_add_up_to_the_polygon() -> None:

@@ -5,9 +5,8 @@ import pytest
 
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.documents import read_json
-from survey.data.legs import Leg
-from survey.reconstruction.hazards.disc_probability import probability_beyond
-from survey.reconstruction.hazards.slope_hazard import SlopeHazard, hazard_grid, slope_hazard
+from survey.data.route import Leg
+from survey.reconstruction.hazards import SlopeHazard, hazard_grid, probability_beyond, slope_hazard
 from tests.survey.reconstruction.joint.test_slopes import solved
 
 CRS = "EPSG:32608"

@@ -8,22 +8,21 @@ import pytest
 from scipy import sparse
 
 from survey import Dem, Grid, InputError, SurfacePoints
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs import projected_crs
+from survey.core.transformation import transformed
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.base import BEYOND
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
-from survey.reconstruction.gp.engines.fourier.resolution import amplitudes, resolve
-from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.fourier_basis import amplitudes, resolve
+from survey.reconstruction.gp.engines.regression import NoisyValues
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
+from survey.reconstruction.joint.normal_equations import Functionals, JointPosterior, waves_at
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
-from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
+from survey.reconstruction.joint.shared_errors import SharedError, dominant_modes
 from survey.reconstruction.joint.solution import JointMap
-from survey.reconstruction.joint.terrain_posterior import waves_at
 from survey.reconstruction.prior import SatelliteErrors
+from survey.reconstruction.terrain_map import BEYOND
 
 CRS = projected_crs("EPSG:32608", "the test")
 GRID = Grid((0.0, 0.0, 200.0, 200.0), 20.0, CRS)

@@ -5,13 +5,13 @@ import pytest
 from scipy import sparse
 
 from survey import Grid, SurfacePoints
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
+from survey.data.landmarks import far_share, stretches
 from survey.data.path_error import PathError
-from survey.data.shared_views import far_share, stretches
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.landmark_errors import LandmarkErrors
+from survey.reconstruction.joint.shared_errors import LandmarkErrors
 from survey.reconstruction.joint.solution import JointSolution
 
 CRS = projected_crs("EPSG:32608", "the test")

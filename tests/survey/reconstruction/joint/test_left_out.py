@@ -8,11 +8,15 @@ import pytest
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.joint.checked_map import checked_map
+from survey.reconstruction.joint.cross_validation import (
+    _solved,
+    check_by_swaths,
+    checked_map,
+    held_out_swaths,
+)
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.left_out import _solved, check_by_swaths, held_out_swaths
+from survey.reconstruction.joint.normal_equations import waves_at
 from survey.reconstruction.joint.solution import JointSolution
-from survey.reconstruction.joint.terrain_posterior import waves_at
 from tests.survey.reconstruction.joint.test_joint_map import GRID, KNOWN, TWO_M, cells_of, hill, path_error
 
 

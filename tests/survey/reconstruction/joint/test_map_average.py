@@ -9,12 +9,10 @@ from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.map_average import MapAverage
-from survey.reconstruction.joint.solution import JointSolution
-from survey.reconstruction.prior.conflict import misfit_log_likelihood
-from survey.reconstruction.prior.error_sizes import Innovations
+from survey.reconstruction.joint.solution import JointSolution, MapAverage
+from survey.reconstruction.prior_likelihood import Innovations, misfit_log_likelihood
 from tests.survey.reconstruction.joint.test_joint_map import CRS, KNOWN, path_error
 
 GRID = Grid((5.0, 5.0, 75.0, 75.0), 10.0, CRS)

@@ -7,12 +7,12 @@ from survey import Grid, SurfacePoints
 from survey.core.arrays import FloatArray
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.checks.rmse_claim import RmseClaim, sampled_nodes
+from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.place_error import PlaceError
+from survey.reconstruction.joint.shared_errors import PlaceError
 from survey.reconstruction.joint.solution import JointSolution
 from tests.survey.reconstruction.joint.test_joint_map import CRS, path_error, seen_points
 

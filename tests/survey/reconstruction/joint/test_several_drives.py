@@ -8,14 +8,14 @@ import pytest
 from scipy import sparse
 
 from survey import Grid, InputError, SurfacePoints
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
+from survey.data.landmarks import stretches
 from survey.data.path_error import PathError
-from survey.data.shared_views import stretches
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.joint.drives import SeveralDrives, joined_points
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.landmark_errors import LandmarkErrors
-from survey.reconstruction.joint.several_drives import SeveralDrives, joined_points
+from survey.reconstruction.joint.shared_errors import LandmarkErrors
 
 CRS = projected_crs("EPSG:32608", "the test")
 GRID = Grid((0.0, 0.0, 120.0, 80.0), 8.0, CRS)

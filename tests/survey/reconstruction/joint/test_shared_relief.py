@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
-from survey.reconstruction.joint.shared_relief import with_shared_relief
+from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.reconstruction.joint.shared_errors import with_shared_relief
 
 
 def test_a_dense_swath_knows_its_level_as_well_as_the_shared_relief_lets_it() -> None:

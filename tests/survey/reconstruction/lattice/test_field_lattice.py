@@ -11,12 +11,12 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.multigrid.solver import Operator, Rim, VCyclePreconditioner, solve
-from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.reconstruction.line_of_sight.ghost_returns import ghosts
+from survey.reconstruction.lattice.field_posterior import Stiffness
+from survey.reconstruction.lattice.solver import Operator, Rim, VCyclePreconditioner, solve
+from survey.reconstruction.line_of_sight.returns import ghosts
+from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, UNSEEN
 
 CRS = "EPSG:32608"
 SQUARE = (0.0, 0.0, 9.5, 9.5)

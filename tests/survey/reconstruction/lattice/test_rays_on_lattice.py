@@ -10,15 +10,14 @@ from scipy import sparse
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import MEASURED, RAY_BOUNDED
+from survey.reconstruction.lattice.calibration import Scenes, hidden_from, imagined_sensors
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.hidden_ground import Scenes, hidden_from, imagined_sensors
-from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.multigrid.solver import Operator, solve
-from survey.reconstruction.lattice.stiffness import Stiffness
+from survey.reconstruction.lattice.field_posterior import Stiffness
+from survey.reconstruction.lattice.solver import Ceiling, Operator, solve, solve_below
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
 from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_map import MEASURED, RAY_BOUNDED
 
 CRS = "EPSG:32608"
 RAYS = FieldLatticeConfig(stiffness=20.0, range_m=8.0, rays=True)

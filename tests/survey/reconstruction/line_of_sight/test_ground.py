@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import CapacityError
-from survey.reconstruction.line_of_sight.ground import ground
+from survey.reconstruction.line_of_sight.returns import ground
 
 
 def street() -> tuple[np.ndarray, np.ndarray]:

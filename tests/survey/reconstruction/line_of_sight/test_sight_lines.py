@@ -6,7 +6,7 @@ import pytest
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.line_of_sight.sight_lines import checked_origins
+from survey.reconstruction.line_of_sight.returns import checked_origins
 
 
 def scan(z: float | FloatArray, origin: FloatArray | None) -> SurfacePoints:

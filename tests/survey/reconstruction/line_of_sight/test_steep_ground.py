@@ -6,8 +6,8 @@ import pytest
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.base import Reconstruction
-from survey.reconstruction.line_of_sight.steep_ground import steep_chords, steep_ground
+from survey.reconstruction.hazards import steep_chords, steep_ground
+from survey.reconstruction.terrain_map import Reconstruction
 
 STEP_M = 0.25
 GRID = Grid((0.0, 0.0, 10.0, 10.0), STEP_M)

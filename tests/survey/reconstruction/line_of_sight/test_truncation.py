@@ -7,9 +7,9 @@ from scipy import stats
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import RAY_BOUNDED
-from survey.reconstruction.line_of_sight.truncation import truncated
+from survey.reconstruction.line_of_sight.ceiling import truncated
 from survey.reconstruction.mapping import reconstruct
+from survey.reconstruction.terrain_map import RAY_BOUNDED
 
 CRS = "EPSG:32608"
 

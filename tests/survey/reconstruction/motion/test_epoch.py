@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid, InputError, Reconstruction
-from survey.data.ice.motion import DAY_S
-from survey.reconstruction.base import MEASURED, UNSEEN
-from survey.reconstruction.motion.epoch import at_epoch, with_age
-from survey.reconstruction.motion.map_age import AGE
+from survey.data.ice_motion import DAY_S
+from survey.reconstruction.motion.epoch import AGE, at_epoch, with_age
 from survey.reconstruction.motion.priors import uniform_motion
+from survey.reconstruction.terrain_map import MEASURED, UNSEEN
 
 GRID = Grid((0.0, 0.0, 100.0, 60.0), 2.0, "EPSG:32608")
 

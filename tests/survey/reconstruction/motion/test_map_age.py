@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid
-from survey.reconstruction.motion.map_age import MapAge
+from survey.reconstruction.motion.epoch import MapAge
 from survey.reconstruction.motion.priors import uniform_motion
 
 

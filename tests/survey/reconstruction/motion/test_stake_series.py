@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.reconstruction.motion.stake_series import predict_position
+from survey.reconstruction.motion.stakes import predict_position
 
 
 def test_a_steady_velocity_is_found_and_predicted():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.data.ice.motion import IceMotion
+from survey.data.ice_motion import IceMotion
 from survey.data.sensors.stakes import StakeSurveys
 from survey.reconstruction.motion.priors import uniform_motion
 from survey.reconstruction.motion.stakes import mean_stakes, motion_with_stakes

@@ -5,18 +5,19 @@ import pytest
 import rasterio
 
 from survey import Dem, Grid, InputError, Reconstruction
-from survey.core.crs.checks import projected_crs
+from survey.core.crs import projected_crs
 from survey.data.sensors.payload import PayloadLog, Quantity
 from survey.data.trajectory import Trajectory
-from survey.reconstruction.gp.covariance.kernels import Matern52
-from survey.reconstruction.payload.averaged_readings import AveragedReadings, lag_response
-from survey.reconstruction.payload.payload_map import (
+from survey.reconstruction.gp.kernels import Matern52
+from survey.reconstruction.payload import (
     MOST_NODES,
+    AveragedReadings,
+    PayloadHyperparameters,
+    lag_response,
     map_payload,
     payload_grid,
     write_payload,
 )
-from survey.reconstruction.payload.payload_process import PayloadHyperparameters
 
 CRS = projected_crs("EPSG:32608", "the test")
 GRID = Grid((0.0, 0.0, 200.0, 200.0), 10.0, CRS)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from survey.reconstruction.prior import ErrorScale
-from survey.reconstruction.prior.conflict import Level, conflicts, level
-from survey.reconstruction.prior.error_sizes import Innovations
+from survey.reconstruction.prior_likelihood import Innovations, Level, conflicts, level
 
 CENTRE = np.random.default_rng(1).uniform(0.0, 600.0, (40, 2))
 DRAWN = np.random.default_rng(2).standard_normal(40)

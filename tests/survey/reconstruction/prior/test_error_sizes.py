@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from survey.reconstruction.prior import PRODUCTS, ErrorScale, SatelliteErrors
-from survey.reconstruction.prior.error_sizes import Innovations, correlation, likeliest_sizes
+from survey.reconstruction.prior_likelihood import Innovations, correlation, likeliest_sizes
 
 
 def cells(white_m: float, correlated_m: float, seed: int, n: int = 12) -> Innovations:

@@ -7,16 +7,18 @@ from scipy import sparse
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.path_error import PathError
-from survey.data.scans.returns import SensorScan
+from survey.data.sensors.lidar import SensorScan
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator
-from survey.reconstruction.registration.registered_scans import RegisteredReturns, registered
-from survey.reconstruction.registration.representatives import (
+from survey.reconstruction.registration.scan_points import (
+    BeamErrors,
+    RegisteredReturns,
     best_of_visits,
+    registered,
     representatives_of_stretches,
+    scan_points,
 )
-from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 ERRORS = BeamErrors(0.03, 0.05)
 SENSOR = np.array([0.0, 0.0, 1.5])

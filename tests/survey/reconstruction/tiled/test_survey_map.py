@@ -12,11 +12,9 @@ import pytest
 from survey.core.errors import ConfigError, InputError
 from survey.core.executors import run_all
 from survey.data.dem import Dem
-from survey.reconstruction.tiled.config import TiledConfig
-from survey.reconstruction.tiled.job import Control
-from survey.reconstruction.tiled.request import tiled_job
-from survey.reconstruction.tiled.results import TiledResult
+from survey.reconstruction.tiled.job import Control, TiledConfig, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles
+from survey.reconstruction.tiled.tile_map import TiledResult
 from survey.scoring.blocks import score_files
 from tests.survey.reconstruction.tiled.conftest import OFFSET_M, ground
 

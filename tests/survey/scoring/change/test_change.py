@@ -14,8 +14,7 @@ from survey import Dem, Grid, InputError, Reconstruction
 from survey.core.map_scale import ground_area_m2
 from survey.io.vector import write_features
 from survey.scoring import VolumeChange, change, coregister
-from survey.scoring.change.structures import Structure
-from survey.scoring.change.variogram import Variogram, error_of_sum
+from survey.scoring.change.variogram import Structure, Variogram, error_of_sum
 
 UTM = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 590.0, 590.0), 10.0, UTM)

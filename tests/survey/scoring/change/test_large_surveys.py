@@ -8,9 +8,9 @@ import shapely
 
 from survey import Dem, Grid, Reconstruction
 from survey.io.raster import write_raster
-from survey.scoring.change import large_surveys
-from survey.scoring.change.change import change
-from survey.scoring.change.large_surveys import averaged_step_m, averaged_survey
+from survey.scoring.change import files as large_surveys
+from survey.scoring.change.difference import change
+from survey.scoring.change.files import averaged_step_m, averaged_survey
 
 GRID = Grid((500_001.0, 6_500_001.0, 500_399.0, 6_500_399.0), 2.0, "EPSG:32608")
 ICE = shapely.Point(500_200.0, 6_500_200.0).buffer(90.0)

@@ -9,7 +9,7 @@ import shapely
 
 from survey import Dem
 from survey.scoring import change, track
-from survey.scoring.motion.displacements import TrackedField
+from survey.scoring.change.displacements import TrackedField
 
 WINDOW = (562400.0, 5115500.0, 563500.0, 5117000.0)
 DATES = ("20041004", "20050201", "20050714", "20060209", "20070705")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from survey.scoring.change.structures import SHAPES, Structure, fitted
-from survey.scoring.change.variogram import Variogram, error_of_sum
+from survey.scoring.change.variogram import SHAPES, Structure, Variogram, error_of_sum, fitted
 
 LAGS = np.geomspace(5.0, 500.0, 30)
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from survey import Grid, InputError
-from survey.scoring.change.unchanged_ground import ComparedGround, without_blunders
+from survey.scoring.change.volume_change import ComparedGround, without_blunders
 
 GRID = Grid((0.0, 0.0, 190.0, 190.0), 10.0, "EPSG:32608")
 

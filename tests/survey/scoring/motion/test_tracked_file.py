@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.core.crs.checks import projected_crs
-from survey.scoring.motion.tracked_file import read_tracked, write_tracked
-from survey.scoring.motion.tracking import TrackedMotion
+from survey.core.crs import projected_crs
+from survey.scoring.change.tracking import TrackedMotion, read_tracked, write_tracked
 
 CRS = projected_crs("EPSG:32608", "the test")
 XY = 500000.0 + 10.0 * np.arange(24.0).reshape(12, 2)

@@ -3,8 +3,7 @@ import pytest
 from affine import Affine
 
 from survey import Dem, InputError
-from survey.scoring.motion.template_matching import normalized_correlation
-from survey.scoring.motion.tracking import hillshade, track
+from survey.scoring.change.tracking import hillshade, normalized_correlation, track
 
 CRS, N = "EPSG:32608", 90
 

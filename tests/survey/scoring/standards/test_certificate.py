@@ -7,10 +7,10 @@ import pytest
 
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.base import CLAIM, Reconstruction
-from survey.reconstruction.checks.rmse_claim import RmseClaim
+from survey.reconstruction.checks import RmseClaim
+from survey.reconstruction.terrain_map import CLAIM, Reconstruction
 from survey.scoring import certificate
-from survey.scoring.standards.certificate import own_claim
+from survey.scoring.standards.map_classes import own_claim
 
 GRID = Grid((0.0, 0.0, 90.0, 90.0), 10.0, "EPSG:32608")
 

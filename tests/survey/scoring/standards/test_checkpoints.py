@@ -8,9 +8,8 @@ import shapely
 from pyproj import CRS
 
 from survey import Dem, Grid, InputError, SurveyArea
-from survey.core.crs.transformation import transformed
-from survey.data.legs import Leg
-from survey.data.route import Route
+from survey.core.transformation import transformed
+from survey.data.route import Leg, Route
 from survey.io.vector import write_features
 from survey.scoring import Checkpoints, Spread, compare, design_checkpoints
 from survey.scoring.standards.checkpoints import control_places

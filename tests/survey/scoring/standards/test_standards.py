@@ -8,13 +8,17 @@ import pytest
 
 from benchmarks.accuracy_examples import examples, paper_tables, stored_examples
 from survey.core.errors import ConfigError, InputError
-from survey.scoring.standards.assessment import score_at
-from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread
-from survey.scoring.standards.conditions import datum_cautions
-from survey.scoring.standards.findings import NOT_ASSESSED, Assessment
-from survey.scoring.standards.formulas import accuracy_r, accuracy_z, rmse_3d, rmse_h, rmse_v
-from survey.scoring.standards.intervals import RmseInterval
-from survey.scoring.standards.standards import STANDARDS, standard_named
+from survey.scoring.standards.assessment import NOT_ASSESSED, Assessment, score_at
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors, RmseInterval, Spread, datum_cautions
+from survey.scoring.standards.standards import (
+    STANDARDS,
+    accuracy_r,
+    accuracy_z,
+    rmse_3d,
+    rmse_h,
+    rmse_v,
+    standard_named,
+)
 
 EVEN = Spread((0.25, 0.25, 0.25, 0.25), 0.12, 360_000.0)
 

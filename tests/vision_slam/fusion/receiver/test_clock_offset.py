@@ -7,14 +7,12 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Odometry, Sightings
+from survey.data.sensors.records import GpsFixes
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path
-from vision_slam.fusion.receiver.clock_offset import delay_moments
-from vision_slam.fusion.smoother import smooth
-from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.fusion.smoother import delay_moments, smooth
+from vision_slam.motion import dead_reckoning
 
 SPEED_M_S, LATE_S = 10.0, 0.5
 TWO_CLOCKS = LocalizationConfig(

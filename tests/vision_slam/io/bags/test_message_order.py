@@ -1,6 +1,6 @@
 """Repeated and late messages are left out; times of a clock that was set back are not."""
 
-from vision_slam.io.bags.message_order import in_order
+from vision_slam.readers.bags import in_order
 
 
 def test_times_that_go_back_often_are_not_mended() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from PIL import ExifTags, Image
 
-from vision_slam.io.photos.exif import read_photo
+from vision_slam.readers.photos import read_photo
 
 UNIX = 1718187302.0  # 2024-06-12 10:15:02 UTC
 GPS = {1: "N", 2: (60.0, 26.0, 0.0), 3: "W", 4: (135.0, 0.0, 0.0), 6: 812.0}

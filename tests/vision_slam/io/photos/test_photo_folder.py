@@ -8,7 +8,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from survey.core.errors import ConfigError, InputError
-from vision_slam.io.readers import read_sequence
+from vision_slam.readers.folders import read_sequence
 from vision_slam.recordings import open_recording
 
 NOON = 1718186400.0  # 2024-06-12 10:00:00 UTC

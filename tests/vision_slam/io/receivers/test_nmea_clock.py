@@ -6,7 +6,7 @@ import operator
 import numpy as np
 import pytest
 
-from vision_slam.io.gps_files import read_gps
+from vision_slam.readers.gps_files import read_gps
 
 DAY_S = 86400.0
 UNIX = 1718064000.0  # 11 June 2024

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import ConfigError, InputError
-from vision_slam.io.gps_files import read_gps
+from vision_slam.readers.gps_files import read_gps
 from vision_slam.recordings import open_recording
 
 HEADER = "# Fix,Provider,LatitudeDegrees,LongitudeDegrees,AltitudeMeters,SpeedMps,AccuracyMeters,BearingDegrees,UnixTimeMillis"

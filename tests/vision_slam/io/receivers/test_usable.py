@@ -3,7 +3,7 @@
 import pytest
 
 from survey.core.errors import InputError
-from vision_slam.io.gps_files import read_gps
+from vision_slam.readers.gps_files import read_gps
 
 HEADER = "time_s,latitude_deg,longitude_deg,height_m\n"
 GPX = "http://www.topografix.com/GPX/1/1"

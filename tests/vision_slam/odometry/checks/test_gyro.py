@@ -5,15 +5,14 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Inertial
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Inertial
 from tests.vision_slam.odometry.poses import pose_at
-from vision_slam.io.sequence import ImageSequence
-from vision_slam.odometry.checks.gyro import refuse_other_gyro
-from vision_slam.odometry.checks.turns import ImageTurns, largest_turns
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.odometry.sensor_checks import ImageTurns, largest_turns, refuse_other_gyro
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.readers.sequence import ImageSequence
 
 _RNG = np.random.default_rng(5)
 _TURNS = np.radians(_RNG.normal(0.0, [2.0, 2.0, 6.0], (30, 3)))

@@ -7,14 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.errors import InputError
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Wheels
 from tests.vision_slam.odometry.poses import pose_at
-from vision_slam.io.sequence import ImageSequence
-from vision_slam.odometry.checks.travel import refuse_other_travel
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.odometry.sensor_checks import refuse_other_travel
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.readers.sequence import ImageSequence
 
 _N, _STEP_M = 10, 0.15
 _SETTINGS = VisualOdometryConfig()

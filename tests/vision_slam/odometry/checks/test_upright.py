@@ -5,12 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
+from survey.data.camera import Camera
+from survey.data.sensors.odometry import Odometry, Sightings
 from tests.vision_slam.conftest import mounted
-from vision_slam.odometry.checks.upright import mounting_note
 from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.sensor_checks import mounting_note
 
 _RNG = np.random.default_rng(2)
 _GROUND = np.column_stack(

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
+from survey.data.camera import Camera
 from tests.vision_slam.odometry.poses import pose_at
-from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.keyframes.window import Window
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.motion import RelativeMotion
+from vision_slam.odometry.bundle_adjustment import Window
 from vision_slam.odometry.tracks import Track
 
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera.calibration import Camera
-from vision_slam.io.sequence_files import FORWARD
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.lens.bundle_adjustment import LensChange
-from vision_slam.odometry.lens.self_calibration import estimate_lens
+from survey.data.camera import Camera
+from vision_slam.config import VisualOdometryConfig
+from vision_slam.odometry.bundle_adjustment import LensChange
+from vision_slam.odometry.self_calibration import estimate_lens
 from vision_slam.odometry.tracks import Track
+from vision_slam.readers.images import FORWARD
 
 _GIVEN = Camera(
     "pinhole",

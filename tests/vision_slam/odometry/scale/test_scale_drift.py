@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.sensors.sightings import Sightings
-from vision_slam.odometry.scale.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from survey.data.sensors.odometry import Sightings
+from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
 
 N, STEP_M = 500, 0.2
 HEIGHT_M = 0.7

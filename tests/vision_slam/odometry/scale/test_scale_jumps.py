@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from survey.data.sensors.aiding import Wheels
-from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.odometry import Sightings
+from survey.data.sensors.records import Wheels
 from vision_slam.odometry.health import FrameHealth
-from vision_slam.odometry.scale.scale_jumps import bridge_scale_jumps, scale_jumps, travel_between
+from vision_slam.odometry.scale_drift import bridge_scale_jumps, scale_jumps, travel_between
 
 N, STEP_M, HEIGHT_M = 200, 0.25, 0.7
 JUMPED = slice(80, 92)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from vision_slam.odometry.scale.speed import smoothed_steps
+from vision_slam.odometry.scale_drift import smoothed_steps
 
 N, SECONDS = 80, np.full(80, 0.1)
 MOVING = np.ones(N, dtype=bool)

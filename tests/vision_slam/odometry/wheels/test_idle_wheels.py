@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames
-from survey.data.sensors.aiding import Wheels
+from survey.data.camera import Camera
+from survey.data.frames import Frames
+from survey.data.sensors.records import Wheels
 from tests.vision_slam.odometry.poses import pose_at
-from vision_slam.io.sequence import ImageSequence
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.readers.sequence import ImageSequence
 
 
 def _driven(world: object, camera: Camera, step_m: float) -> VisualOdometry:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vision_slam.odometry.wheels.wheel_slip import WheelSlipDetector
+from vision_slam.odometry.health import WheelSlipDetector
 
 GROUND = np.column_stack([np.linspace(0.5, 2.0, 12), np.zeros(12), np.zeros(12)])
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid
-from survey.io.raster.large import averaging
-from survey.io.raster.large.averaging import read_averaged
+from survey.io.raster import large as averaging
+from survey.io.raster.large import read_averaged
 
 GRID = Grid((500_005.0, 6_500_005.0, 500_475.0, 6_500_355.0), 10.0, "EPSG:32608")
 

@@ -9,9 +9,9 @@ import rasterio
 
 from survey import Dem, Grid, InputError
 from survey.core.errors import CapacityError
-from survey.interchange.convert import convert
+from survey.interchange.conversion import convert
+from survey.io.raster import large as conversion
 from survey.io.raster import write_raster
-from survey.io.raster.large import conversion
 
 GRID = Grid((500_005.0, 6_500_005.0, 500_475.0, 6_500_355.0), 10.0, "EPSG:32608")
 
@@ -25,7 +25,7 @@ def bands(rng: np.random.Generator) -> dict[str, np.ndarray]:
 
 @pytest.fixture(autouse=True)
 def large_from_a_hundred_cells(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["survey.interchange.convert"], "LARGEST_CELLS", 100)
+    monkeypatch.setattr(sys.modules["survey.interchange.conversion"], "LARGEST_CELLS", 100)
     monkeypatch.setattr(conversion, "_WINDOW_CELLS", 512)
 
 

@@ -10,18 +10,17 @@ from survey.core.errors import ConfigError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.gp.covariance.families import (
+from survey.reconstruction.gp.families import (
     FAMILIES,
     SEARCHABLE,
+    Sum,
     family_of,
     kernel_facts,
     kernel_from,
     kernel_of,
 )
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import KINDS, Kernel, Matern32, Whittle
-from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.kernels import KINDS, Kernel, Matern32, RationalQuadratic, Whittle
 
 CRS = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 40.0, 40.0), 4.0, CRS)

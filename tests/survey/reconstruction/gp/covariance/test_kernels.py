@@ -6,9 +6,8 @@ from scipy.integrate import quad
 from scipy.special import j0
 
 from survey.core.errors import ConfigError
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, RationalQuadratic, SquaredExponential
 
 ISOTROPIC: list[Kernel] = [
     SquaredExponential(10.0, 17.75),

@@ -7,9 +7,9 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
 
 KERNEL = SquaredExponential(9.0, 20.0)
 

@@ -5,10 +5,9 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import Matern32
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
-from survey.reconstruction.gp.engines.site_tree import SiteTree
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess, SiteTree
+from survey.reconstruction.gp.kernels import Matern32
 from survey.reconstruction.gp.process import conditioned
 
 KERNEL = Matern32(25.0, 60.0)

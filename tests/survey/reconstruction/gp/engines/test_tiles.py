@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from survey.core.errors import CapacityError
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
-from survey.reconstruction.gp.engines.tiles import TiledGaussianProcess
+from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
+from survey.reconstruction.gp.engines.tiled_gp import TiledGaussianProcess
+from survey.reconstruction.gp.kernels import SquaredExponential
 
 KERNEL = SquaredExponential(4.0, 5.0)
 BOUNDS = (0.0, 0.0, 200.0, 100.0)

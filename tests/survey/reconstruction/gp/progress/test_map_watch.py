@@ -7,10 +7,9 @@ import numpy as np
 
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.gp import gp_terrain as map_watch
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.gp.progress import map_watch
-from survey.reconstruction.gp.progress.map_watch import MapWatch
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
 GRID = Grid((0.0, 0.0, 100.0, 100.0), 1.0)
 CONFIG = GaussianProcessConfig(fit=False, variance_m2=4.0, length_scale_m=30.0)

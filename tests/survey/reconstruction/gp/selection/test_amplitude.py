@@ -6,13 +6,12 @@ import pytest
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import CLAIM
-from survey.reconstruction.gp.claimed_error import with_claim
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.gp.selection.amplitude import with_undetermined_variance
-from survey.reconstruction.gp.selection.kernel_fit import KernelFit
+from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.reconstruction.gp.marginal_likelihood import KernelFit, with_undetermined_variance
+from survey.reconstruction.methods.gaussian_process import with_claim
+from survey.reconstruction.terrain_map import CLAIM
 
 CRS = "EPSG:32608"
 SITE = Grid((0.0, 0.0, 200.0, 200.0), 20.0, CRS)

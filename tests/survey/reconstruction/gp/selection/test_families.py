@@ -6,8 +6,8 @@ import pytest
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, SquaredExponential
-from survey.reconstruction.gp.selection.families import likeliest
+from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
+from survey.reconstruction.gp.marginal_likelihood import likeliest
 
 N = 400
 SIGMA = 0.05

@@ -5,9 +5,7 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from survey.core.errors import InputError
-from survey.reconstruction.gp.selection.cells import Cell
-from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.reconstruction.gp.selection.kernel_search import SEARCHED, KernelSearch
+from survey.reconstruction.gp.kernel_search import SEARCHED, Cell, KernelSearch, mapped
 
 LENGTHS = range(17, 42)
 """The lattice's length scales on a site of 600 m, a thirtieth to twice of it, four per doubling."""

@@ -6,11 +6,9 @@ from scipy.optimize import check_grad
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, SquaredExponential
-from survey.reconstruction.gp.selection.families import with_landforms
-from survey.reconstruction.gp.selection.kernel_fit import KernelFit
-from survey.reconstruction.gp.selection.kernel_terms import parts_of
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
+from survey.reconstruction.gp.marginal_likelihood import KernelFit, parts_of, with_landforms
 
 SIGMA = 0.05
 FAMILIES = ("two-scale-mixed",)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, KernelFit
-from survey.reconstruction.gp.selection.length_posterior import _VARIANCES, _log_likelihoods, lengths_of
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelFit
+from survey.reconstruction.joint.kernel_choice import _VARIANCES, _log_likelihoods, lengths_of
 
 SIGMA = 0.05
 KERNEL = Sum(SquaredExponential(1.0, 40.0), Matern32(0.01, 3.0))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.gp.selection.cells import Cell
-from survey.reconstruction.gp.selection.likelihoods import LikelihoodView
+from survey.reconstruction.gp.kernel_search import Cell, LikelihoodView
 
 CELLS = (Cell("squared-exponential", 16, -6), Cell("matern-3/2", 20, -3), Cell("matern-5/2", 18, -10))
 

@@ -5,13 +5,8 @@ import pytest
 from scipy import linalg
 
 from survey.core.errors import InputError
-from survey.reconstruction.lattice.multigrid.banded import (
-    band_cholesky,
-    band_of,
-    exact_variance,
-    log_determinant,
-)
-from survey.reconstruction.lattice.multigrid.levels import Operator
+from survey.reconstruction.lattice.multigrid import Operator
+from survey.reconstruction.lattice.solver import band_cholesky, band_of, exact_variance, log_determinant
 
 NO_FACTORS = np.zeros((0, 0, 0))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from survey.reconstruction.lattice.multigrid.coarsening import (
+from survey.reconstruction.lattice.multigrid import (
     add_prolonged,
     cholesky,
     coarsen_stencil,

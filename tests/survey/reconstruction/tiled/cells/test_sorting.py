@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.reconstruction.tiled.cells.pieces import holds_class, pieces_of
-from survey.reconstruction.tiled.cells.sorting import present_tiles, read_sorted, sort_piece, sorted_points
-from survey.reconstruction.tiled.cells.statistics import cell_statistics
+from survey.reconstruction.tiled.cells import (
+    cell_statistics,
+    holds_class,
+    pieces_of,
+    present_tiles,
+    read_sorted,
+    sort_piece,
+    sorted_points,
+)
 from survey.reconstruction.tiled.layout import TileLayout
 from tests.survey.reconstruction.tiled.conftest import write_laz
 

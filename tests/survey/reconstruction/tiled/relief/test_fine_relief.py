@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.reconstruction.tiled.layout import CellWindow
-from survey.reconstruction.tiled.relief.fine_relief import (
+from survey.reconstruction.lattice.field_posterior import Stiffness
+from survey.reconstruction.tiled.fine_relief import (
     CellPoints,
     fine_relief,
     mean_square_over_cells,
     variance_within_cells,
 )
+from survey.reconstruction.tiled.layout import CellWindow
 
 WINDOW = CellWindow(1000, 2000, 40, 40)
 

@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.tiled.strips.overlaps import OVERLAP, SUMS
-from survey.reconstruction.tiled.strips.pairs import StripPairs
-from survey.reconstruction.tiled.strips.places import StripPlaces
-from survey.reconstruction.tiled.strips.solution import solve_strips
-from survey.reconstruction.tiled.strips.strip_errors import Sizes, StripErrors, as_arrays, from_arrays
+from survey.reconstruction.tiled.strips import (
+    Sizes,
+    StripErrors,
+    StripPairs,
+    StripPlaces,
+    as_arrays,
+    from_arrays,
+    solve_strips,
+)
+from survey.reconstruction.tiled.summaries import OVERLAP, SUMS
 
 EXPECTED = Sizes(0.2, 0.1)
 N_STRIPS, N_BLOCKS, N_CELLS = 5, 40, 400

@@ -7,12 +7,11 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
-from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
-from survey.reconstruction.gp.engines.polynomial_trend import TrendName
-from survey.reconstruction.gp.slopes import steepness_on_axes
+from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
+from survey.reconstruction.gp.engines.regression import TrendName
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.fit import steepness_on_axes
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, RationalQuadratic, SquaredExponential
 
 BOUNDS = (0.0, 0.0, 100.0, 100.0)
 AXIS = np.linspace(0.0, 100.0, 26)

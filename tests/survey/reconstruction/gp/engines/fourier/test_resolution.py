@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, SquaredExponential
-from survey.reconstruction.gp.engines.fourier.resolution import (
+from survey.reconstruction.gp.engines.fourier_basis import (
+    FourierBasis,
+    FourierBox,
     affordable_basis,
     line_variances,
     periodic_variance,
     variance_left_out,
 )
-from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
+from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
 
 SITE = (0.0, 0.0, 300.0, 300.0)
 PRECISE = {"sharpest_m": 0.02, "tolerance_m": 0.002}

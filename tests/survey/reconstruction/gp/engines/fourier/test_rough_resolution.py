@@ -3,10 +3,10 @@
 import numpy as np
 
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.engines.fourier.rough_resolution import resolution_for
+from survey.reconstruction.gp.engines.fourier_basis import resolution_for
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from survey.reconstruction.gp.process import conditioned
 
 SITE = (0.0, 0.0, 300.0, 300.0)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
+from survey.reconstruction.gp.engines.fourier_weights import WeightPosterior
 
 BOX = FourierBox(np.array([50.0, 30.0]), np.array([140.0, 100.0]))
 # A half plane: (0, 0) first, then q above 0 at p = 0, then all q.

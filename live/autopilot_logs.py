@@ -1,0 +1,305 @@
+"""Logs of ArduPilot (``.bin``, telemetry ``.tlog``) and PX4 (``.ulg``) as recordings.
+
+`read_autopilot_log` takes fixes, wheel distances, inertial readings and headings from the messages of a log into
+`LogColumns`, which projects the fixes, estimates their errors where the receiver states none, and returns a
+`Recording`. pymavlink and pyulog are imported when a log is read.
+"""
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.crs import projected_crs
+from survey.core.errors import InputError
+from survey.core.files import existing_file
+from survey.core.transformation import chosen_crs, transformed
+from survey.data.recording import Recording
+from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
+from survey.io.vector import WGS84
+
+LEAST_FIX = 3
+# Horizontal errors of fixes by their type, where the receiver states none: 3-D, differential, RTK float, RTK fixed [m].
+_SIGMA_M = {3: 1.1, 4: 0.6, 5: 0.3, 6: 0.02}
+_BEST_TYPE = 6
+_NORTHWARD_DEG = 1e-3
+# Headings farther from the fixes than this were stamped by another clock.
+_APART_S = 60.0
+
+
+@dataclass
+class LogColumns:
+    """Rows of fixes, wheels and inertial readings.
+
+    Parameters
+    ----------
+    fixes : list
+        Time [s], longitude, latitude [deg], height [m], type of fix, stated horizontal error [m] or NaN.
+    wheels : list
+        Time [s], distance of the left and of the right side [m].
+    inertial : list
+        Time [s], rates [rad/s] and specific force [m/s²] forward, right, down.
+    headings : list
+        Time [s], yaw that the autopilot estimated, clockwise from true north [rad].
+    """
+
+    fixes: list[tuple[float, ...]] = field(default_factory=list)
+    wheels: list[tuple[float, ...]] = field(default_factory=list)
+    inertial: list[tuple[float, ...]] = field(default_factory=list)
+    headings: list[tuple[float, ...]] = field(default_factory=list)
+
+    def recording(self, path: Path, crs: CRS | str | None) -> tuple[Recording, tuple[str, ...]]:
+        """Return the recording, and what was left out or assumed.
+
+        Parameters
+        ----------
+        path : pathlib.Path
+            The log, for messages.
+        crs : str or pyproj.CRS, optional
+            Projected CRS; the UTM zone of the first fix by default.
+
+        Returns
+        -------
+        tuple of Recording and tuple of str
+            The start is that of the first fix.
+
+        Raises
+        ------
+        InputError
+            Fewer than two fixes.
+        """
+        rows = np.array(self.fixes, dtype=np.float64).reshape(-1, 6)
+        is_fix = (rows[:, 4] >= LEAST_FIX) & np.isfinite(rows[:, :4]).all(axis=1)
+        rows = rows[is_fix]
+        rows = rows[_increasing(rows[:, 0])]
+        if len(rows) < 2:
+            raise InputError(f"{path} holds {len(rows)} fixes of three dimensions; at least two are needed.")
+        target = chosen_crs(rows[:1, 1], rows[:1, 2]) if crs is None else projected_crs(crs, "the log")
+        xy = transformed(rows[:, 1:3], WGS84, target, "the fixes")
+        gps = GpsFixes(rows[:, 0], np.column_stack([xy, rows[:, 3]]), _sigma_m(rows))
+        notes = (
+            f"works in {target.name}",
+            f"{len(is_fix) - len(rows)} records of the receiver without a fix or out of order are left out",
+        )
+        wheels, inertial = _table(self.wheels, 3), _table(self.inertial, 7)
+        recording = Recording(
+            target,
+            gps.position[0],
+            gps,
+            start_is_surveyed=False,
+            wheels=None if len(wheels) == 0 else Wheels(*wheels.T),
+            inertial=None if len(inertial) == 0 else _in_body_frame(inertial),
+            compass=_compass(_table(self.headings, 2), rows, target),
+        )
+        return recording, notes
+
+
+def _table(rows: list[tuple[float, ...]], n_columns: int) -> FloatArray:
+    """Return finite rows with increasing times."""
+    table = np.array(rows, dtype=np.float64).reshape(-1, n_columns)
+    table = table[np.isfinite(table).all(axis=1)]
+    found: FloatArray = table[_increasing(table[:, 0])]
+    return found
+
+
+def _increasing(time_s: FloatArray) -> BoolArray:
+    """Return which times are later than all before them."""
+    before = np.concatenate([[-np.inf], np.maximum.accumulate(time_s)[:-1]])
+    later: BoolArray = time_s > before
+    return later
+
+
+def _sigma_m(rows: FloatArray) -> FloatArray:
+    """Return the horizontal standard deviation of each fix: stated, or by the type of fix."""
+    types = np.clip(rows[:, 4], LEAST_FIX, _BEST_TYPE).astype(int)
+    by_type = np.array([_SIGMA_M[kind] for kind in types])
+    stated = rows[:, 5]
+    return np.where(np.isfinite(stated) & (stated > 0.0), stated, by_type)
+
+
+def _in_body_frame(rows: FloatArray) -> Inertial:
+    """Turn forward, right, down into forward, left, up."""
+    turned = rows[:, 1:] * np.tile([1.0, -1.0, -1.0], 2)
+    return Inertial(rows[:, 0], turned[:, :3], turned[:, 3:])
+
+
+def _compass(headings: FloatArray, fixes: FloatArray, crs: CRS) -> Compass | None:
+    """Turn headings clockwise from true north into those counter-clockwise from grid east, by the convergence at the start."""
+    is_near = (headings[:, 0] >= fixes[0, 0] - _APART_S) & (headings[:, 0] <= fixes[-1, 0] + _APART_S)
+    if not is_near.any():
+        return None
+    ends = fixes[0, 1:3] + np.array([[0.0, 0.0], [0.0, _NORTHWARD_DEG]])
+    east, north = np.diff(transformed(ends, WGS84, crs, "the fixes"), axis=0)[0]
+    heading = np.arctan2(north, east) - headings[is_near, 1]
+    return Compass(headings[is_near, 0], (heading + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+LOG_ENDINGS = (".bin", ".tlog", ".ulg")
+_TOPICS = ("vehicle_gps_position", "sensor_gps", "sensor_combined", "vehicle_attitude")
+_MICRO, _MILLI, _PER_DEGREE = 1e-6, 1e-3, 1e7
+
+
+def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[Recording, tuple[str, ...]]:
+    """Read fixes with their quality, wheels, inertial readings and headings from the log of an autopilot.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        ``.bin`` or ``.tlog`` of ArduPilot, ``.ulg`` of PX4. Of several receivers or inertial units the first counts.
+    crs : str or pyproj.CRS, optional
+        Projected CRS; the UTM zone of the first fix by default.
+
+    Returns
+    -------
+    tuple of Recording and tuple of str
+        The recording, and notes on what was left out.
+
+    Raises
+    ------
+    InputError
+        A file that is missing, damaged or of another kind, or with fewer than two fixes.
+
+    Notes
+    -----
+    Wheels are read from ArduPilot (WENC, WHEEL_DISTANCE); PX4 logs angles of wheels without their radius. The yaw that an
+    autopilot estimated counts as its compass. Its roll and pitch are not read: localization estimates them from the inertial
+    readings.
+    """
+    file = existing_file(path, "the log")
+    reader = _READERS.get(file.suffix.lower())
+    if reader is None:
+        raise InputError(
+            f"{file.name} ends in {file.suffix!r}; one of {', '.join(LOG_ENDINGS)} was expected."
+        )
+    try:
+        columns = reader(file)
+    except InputError:
+        raise
+    except Exception as error:  # readers of logs raise errors of many kinds on damaged files
+        raise InputError(
+            f"the log {file} is damaged or not of the format of its ending ({type(error).__name__}: {error}); get it again."
+        ) from error
+    return columns.recording(file, crs)
+
+
+def _read_mavlink(file: Path) -> LogColumns:
+    """Read every message of a log that pymavlink knows."""
+    os.environ.setdefault("MAVLINK20", "1")
+    from pymavlink import mavutil
+
+    columns = LogColumns()
+    log: Any = mavutil.mavlink_connection(str(file))
+    try:
+        while (message := log.recv_match(type=list(_TAKEN))) is not None:
+            _TAKEN[message.get_type()](message, columns)
+    finally:
+        log.close()
+    return columns
+
+
+def _take_gps(message: Any, columns: LogColumns) -> None:
+    if getattr(message, "I", 0) == 0:
+        place = message.Lng, message.Lat, message.Alt
+        columns.fixes.append((message.TimeUS * _MICRO, *place, float(message.Status), math.nan))
+
+
+def _take_accuracy(message: Any, columns: LogColumns) -> None:
+    """Complete the last fix by the accuracy that follows it."""
+    if getattr(message, "I", 0) == 0 and columns.fixes:
+        columns.fixes[-1] = (*columns.fixes[-1][:5], float(message.HAcc))
+
+
+def _take_wheels(message: Any, columns: LogColumns) -> None:
+    columns.wheels.append((message.TimeUS * _MICRO, message.Dist0, message.Dist1))
+
+
+def _take_imu(message: Any, columns: LogColumns) -> None:
+    if getattr(message, "I", 0) == 0:
+        rates = message.GyrX, message.GyrY, message.GyrZ
+        columns.inertial.append((message.TimeUS * _MICRO, *rates, message.AccX, message.AccY, message.AccZ))
+
+
+def _take_raw_fix(message: Any, columns: LogColumns) -> None:
+    place = message.lon / _PER_DEGREE, message.lat / _PER_DEGREE, message.alt * _MILLI
+    stated = message.h_acc * _MILLI if message.h_acc else math.nan
+    columns.fixes.append((message.time_usec * _MICRO, *place, float(message.fix_type), stated))
+
+
+def _take_wheel_distance(message: Any, columns: LogColumns) -> None:
+    if message.count >= 2:
+        columns.wheels.append((message.time_usec * _MICRO, *message.distance[:2]))
+
+
+def _take_highres_imu(message: Any, columns: LogColumns) -> None:
+    rates = message.xgyro, message.ygyro, message.zgyro
+    columns.inertial.append((message.time_usec * _MICRO, *rates, message.xacc, message.yacc, message.zacc))
+
+
+def _take_attitude(message: Any, columns: LogColumns) -> None:
+    columns.headings.append((message.TimeUS * _MICRO, math.radians(message.Yaw)))
+
+
+def _take_link_attitude(message: Any, columns: LogColumns) -> None:
+    columns.headings.append((message.time_boot_ms * _MILLI, message.yaw))
+
+
+_TAKEN: dict[str, Callable[[Any, LogColumns], None]] = {
+    "GPS": _take_gps,
+    "GPA": _take_accuracy,
+    "WENC": _take_wheels,
+    "IMU": _take_imu,
+    "ATT": _take_attitude,
+    "ATTITUDE": _take_link_attitude,
+    "GPS_RAW_INT": _take_raw_fix,
+    "WHEEL_DISTANCE": _take_wheel_distance,
+    "HIGHRES_IMU": _take_highres_imu,
+}
+
+
+def _read_ulog(file: Path) -> LogColumns:
+    from pyulog import ULog
+
+    columns = LogColumns()
+    for dataset in ULog(str(file), list(_TOPICS)).data_list:
+        data = dataset.data
+        if dataset.multi_id != 0:
+            continue
+        if dataset.name == "vehicle_attitude":
+            columns.headings += _ulog_headings(data)
+        elif dataset.name == "sensor_combined":
+            names = [f"gyro_rad[{k}]" for k in range(3)] + [f"accelerometer_m_s2[{k}]" for k in range(3)]
+            rows = zip(data["timestamp"] * _MICRO, *(data[name] for name in names), strict=True)
+            columns.inertial += [tuple(map(float, row)) for row in rows]
+        elif not columns.fixes:
+            columns.fixes += _ulog_fixes(data)
+    return columns
+
+
+def _ulog_headings(data: dict[str, Any]) -> list[tuple[float, ...]]:
+    """Return yaws from quaternions (w, x, y, z) that turn forward, right, down into north, east, down."""
+    w, x, y, z = (data[f"q[{k}]"].astype(np.float64) for k in range(4))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
+    return list(zip((data["timestamp"] * _MICRO).tolist(), yaw.tolist(), strict=True))
+
+
+def _ulog_fixes(data: dict[str, Any]) -> list[tuple[float, ...]]:
+    """Return fixes in degrees, which older logs hold as integers."""
+    if "latitude_deg" in data:
+        place = data["longitude_deg"], data["latitude_deg"], data["altitude_msl_m"]
+    else:
+        place = data["lon"] / _PER_DEGREE, data["lat"] / _PER_DEGREE, data["alt"] * _MILLI
+    rows = zip(data["timestamp"] * _MICRO, *place, data["fix_type"], data["eph"], strict=True)
+    return [tuple(map(float, row)) for row in rows]
+
+
+_READERS: dict[str, Callable[[Path], LogColumns]] = {
+    ".bin": _read_mavlink,
+    ".tlog": _read_mavlink,
+    ".ulg": _read_ulog,
+}

@@ -1,1 +1,0 @@
-"""Runs as MCAP files for Foxglove and rerun."""

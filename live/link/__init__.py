@@ -1,1 +1,0 @@
-"""MAVLink connections to vehicles."""

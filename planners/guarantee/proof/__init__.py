@@ -1,1 +1,0 @@
-"""Test of a guarantee by simulated surveys of ground from other distributions than the posterior."""

@@ -1,0 +1,510 @@
+"""Predicted map error of a route, from the covariance of the terrain and the places of the samples.
+
+`ErrorModel` gives the posterior variance of a Gaussian process at the nodes of a map, which depends on the places of
+the samples and not on the heights. Maps of very many samples are predicted from the nearest samples of each node.
+`predict_error` returns the standard deviation of the map of a route. `terrain_kernel` fits the covariance to a prior
+DEM by its likelihood. Relief that the covariance does not hold and errors of the rover's position are not included;
+probabilities that a map meets a limit are predicted in `planners.guarantee`.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from planners.capacity import require_cells, require_nodes, require_samples
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Route
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.kernels import Kernel
+from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
+
+# The plastic number, whose powers spread places evenly over the plane (Roberts 2018).
+_PLASTIC = 1.324717957244746
+_MOST_DRAWN = 100
+"""Places drawn for each one wanted, at most: the bounds of a thin area hold little of it."""
+
+
+def spread_places(area: SurveyArea, n: int) -> FloatArray:
+    """Return places that are spread evenly over the free ground, in no step with any swaths.
+
+    Places on a square grid would all lie on swaths, or all between them, where the swaths are as far apart as the nodes.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        What is to be surveyed.
+    n : int
+        About how many places.
+
+    Returns
+    -------
+    (M, 2) ndarray
+        Easting and northing [m]; any first part of them is spread evenly.
+
+    Raises
+    ------
+    InputError
+        No place lies on the free ground.
+
+    Examples
+    --------
+    >>> spread_places(SurveyArea.rectangle((0.0, 0.0, 20.0, 10.0), "EPSG:32608"), 2).round(1).tolist()
+    [[5.1, 0.7], [0.2, 6.4]]
+    """
+    low, high = np.array(area.bounds[:2]), np.array(area.bounds[2:])
+    drawn = min(int(n * np.prod(high - low) / max(area.free.area, 1e-9)), _MOST_DRAWN * n)
+    share = (0.5 + np.arange(1, drawn + 1)[:, None] / _PLASTIC ** np.array([1, 2])) % 1.0
+    places = low + share * (high - low)
+    inside: FloatArray = places[area.contains(places)]
+    if not len(inside):
+        raise InputError("the area is so thin that no node of its map lies on free ground; widen it.")
+    return inside
+
+
+_N_NEAREST = 120
+
+
+def variance_from_nearest(kernel: Kernel, xy: FloatArray, sigma_m: float, at: FloatArray) -> FloatArray:
+    """Return the variance at places, each predicted from its 120 nearest samples, which screen those beyond.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Covariance of the terrain [m²].
+    xy : (N, 2) ndarray
+        Easting and northing of the samples [m].
+    sigma_m : float
+        Standard deviation of a sample [m].
+    at : (M, 2) ndarray
+        The places [m].
+
+    Returns
+    -------
+    (M,) ndarray
+        Variance [m²].
+    """
+    nearest = cKDTree(xy).query(at, min(_N_NEAREST, len(xy)))[1].reshape(len(at), -1)
+    variance = np.empty(len(at))
+    for index, (place, chosen) in enumerate(zip(at, nearest, strict=True)):
+        n = len(chosen)
+        process = DenseGaussianProcess.fit(
+            xy[chosen], np.zeros(n), np.full(n, sigma_m), kernel, trend="constant"
+        )
+        variance[index] = process.predict(place[None, :])[1][0]
+    return variance
+
+
+_N_NODES_ALONG = 30
+_LEAST_NODES = 200
+_MOST_SAMPLES = 2000
+_MOST_PLACES = 1_000_000
+# Places in a cell, in shares of it from its centre: no two in one row or column, so that swaths as far apart as
+# the cells are seen.
+_IN_CELL = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
+# Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
+_LEAST_NOISE = 1e-3
+
+
+@dataclass(frozen=True)
+class PredictedError:
+    """Predicted error of a map, given the covariance of the terrain.
+
+    Parameters
+    ----------
+    std : Dem
+        Standard deviation in the cells of a coarse grid [m]: the root mean square over the free ground of the cell;
+        NaN off the free ground.
+    rmse_m : float
+        Expected root mean square error over the area [m].
+    p95_m, worst_m : float
+        95th percentile and largest value of the standard deviation [m].
+    """
+
+    std: Dem
+    rmse_m: float
+    p95_m: float
+    worst_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    r"""Predictor of the error of maps over one area, for many routes.
+
+    .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + \sigma^2 I]^{-1} k(X, x) + \ldots
+
+    at the nodes x for samples X along the route (glacier paper, Eq. 5); the dots stand
+    for the unknown constant mean, which is integrated out. Nodes are spread over the area
+    in no step with the swaths.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        Where the map is wanted.
+    grid : Grid
+        Centres of the cells in which the standard deviation is drawn.
+    kernel : Kernel
+        Covariance of the terrain [m²], with lengths in grid metres.
+    noise_m : float
+        Standard deviation of a sample [m].
+    sample_step_m : float
+        Distance between samples, in grid metres.
+    """
+
+    area: SurveyArea
+    grid: Grid
+    kernel: Kernel
+    noise_m: float
+    sample_step_m: float
+
+    @classmethod
+    def of(
+        cls,
+        area: SurveyArea,
+        kernel: Kernel,
+        *,
+        noise_m: float,
+        sample_step_m: float = 10.0,
+        cell_m: float | None = None,
+    ) -> "ErrorModel":
+        """Create the model with nodes over an area.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            Where the map is wanted.
+        kernel : Kernel
+            Covariance of the terrain [m²], with lengths in grid metres.
+        noise_m : float
+            Standard deviation of a sample [m].
+        sample_step_m : float
+            Distance between samples, in grid metres.
+        cell_m : float, optional
+            Side of a cell, about as many of which lie on the area as there are nodes; a thirtieth of the longer
+            side by default.
+
+        Returns
+        -------
+        ErrorModel
+            For routes over this area.
+
+        Raises
+        ------
+        ConfigError
+            A negative noise, a sample spacing that is not greater than 0.
+        CapacityError
+            More nodes than can be computed.
+        """
+        if not (np.isfinite(noise_m) and noise_m >= 0.0):
+            raise ConfigError(f"the noise of a sample is {noise_m} m; it must be 0 or greater.")
+        if not (np.isfinite(sample_step_m) and sample_step_m > 0.0):
+            raise ConfigError(f"the sample spacing is {sample_step_m} m; it must be greater than 0.")
+        xmin, ymin, xmax, ymax = area.bounds
+        cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
+        require_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
+        n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
+        x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
+        grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
+        return cls(area, grid, kernel, noise_m, sample_step_m)
+
+    @cached_property
+    def nodes(self) -> FloatArray:
+        """Nodes (M, 2) on the free ground [m]."""
+        n_cells = int(self.area.free.area / self.grid.step_m**2)
+        return spread_places(self.area, max(n_cells, _LEAST_NODES))
+
+    def variance(
+        self, xy: FloatArray, noise_m: float | None = None, at: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the predicted variance at the nodes, given samples at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing of the samples [m].
+        noise_m : float, optional
+            Standard deviation of a sample [m]; that of the model by default.
+        at : (M, 2) ndarray, optional
+            Other places than the nodes [m].
+
+        Returns
+        -------
+        (M,) ndarray
+            Variance at the nodes [m²].
+        """
+        sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, self._least_noise_m))
+        gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
+        return gp.predict(self.nodes if at is None else at)[1]
+
+    def _variance_of(self, route: Route, most_samples: int, at: FloatArray) -> FloatArray:
+        """Return the variance at places; fewer, better samples stand for all where there would be too many."""
+        step = max(self.sample_step_m, route.length_m / most_samples)
+        is_local = self._is_local(route, most_samples)
+        if is_local:
+            step = max(self.sample_step_m, 0.5 * self._apart_m(route), route.length_m / _MOST_PLACES)
+        xy, noise = places(route, step), self.noise_m * float(np.sqrt(self.sample_step_m / step))
+        if is_local:
+            return variance_from_nearest(self.kernel, xy, max(noise, self._least_noise_m), at)
+        return self.variance(xy, noise, at)
+
+    def _is_local(self, route: Route, most_samples: int) -> bool:
+        """Return whether so few samples would lie farther apart than the swaths: then those near a place predict it."""
+        return max(self.sample_step_m, route.length_m / most_samples) > self._apart_m(route)
+
+    def _apart_m(self, route: Route) -> float:
+        """Return how far lines as long as the route would be apart over the area [m]."""
+        return float(self.area.free.area) / max(route.length_m, 1e-9)
+
+    @property
+    def _least_noise_m(self) -> float:
+        return _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
+
+    def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
+        """Return the expected root-mean-square error over the area [m].
+
+        Where the route has more than `most_samples` samples, fewer stand for all: their
+        noise is that of the mean of those that each replaces.
+
+        Parameters
+        ----------
+        route : Route
+            Samples are taken along swaths and transits.
+        most_samples : int
+            Largest number of samples to compute with.
+
+        Returns
+        -------
+        float
+            Root of the mean variance over the nodes [m].
+        """
+        at = self.nodes[: _LEAST_NODES if self._is_local(route, most_samples) else None]
+        return float(np.sqrt(self._variance_of(route, most_samples, at).mean()))
+
+    def error(self, route: Route) -> PredictedError:
+        """Return the predicted error of a route, with its map.
+
+        Parameters
+        ----------
+        route : Route
+            Samples are taken along swaths and transits.
+
+        Returns
+        -------
+        PredictedError
+            The map of the standard deviation with its summary.
+
+        Raises
+        ------
+        InputError
+            Cells so large that none of their places lies on the free ground.
+        """
+        cells, offsets = self.grid.xy[:, None], self.grid.step_m * _IN_CELL
+        xy = (cells + offsets).reshape(-1, 2)
+        inside = self.area.contains(xy)
+        if not inside.any():
+            raise InputError(
+                f"no place of {self.grid.step_m:g} m cells lies on the free ground; take smaller cells."
+            )
+        variance = self._variance_of(route, _MOST_SAMPLES, np.vstack([self.nodes, xy[inside]]))
+        of_nodes, of_cells = np.split(variance, [len(self.nodes)])
+        std = np.sqrt(_means(of_cells, inside.reshape(len(cells), -1))).reshape(self.grid.shape)
+        return PredictedError(
+            Dem.on(self.grid, std),
+            self.rmse_m(route),
+            float(np.sqrt(np.percentile(of_nodes, 95.0))),
+            float(np.sqrt(variance.max())),
+        )
+
+
+def _means(values: FloatArray, inside: BoolArray) -> FloatArray:
+    """Return the mean of each cell's values (of all True elements in order), NaN in cells without one."""
+    n, total = inside.sum(axis=1), np.zeros(len(inside))
+    np.add.at(total, np.nonzero(inside)[0], values)
+    means: FloatArray = np.divide(total, n, out=np.full(len(n), np.nan), where=n > 0)
+    return means
+
+
+def places(route: Route, step_m: float) -> FloatArray:
+    """Return the samples (N, 2) that all rovers take along everything they drive [m]."""
+    require_samples(route.length_m, step_m)
+    return np.vstack([route.sample(step_m, rover).xy for rover in range(route.n_rovers)])
+
+
+_LEAST_CELLS = 9
+_LEAST_ABOUT = 36
+# Of more cells than this, so many groups along each side are used, with cells at these offsets from their first.
+_MOST_CELLS = 10_000
+_N_GROUPS = 5
+_OFFSETS = np.array([0, 1, 3, 9])
+
+
+def predict_error(
+    route: Route,
+    area: SurveyArea,
+    kernel: Kernel,
+    *,
+    noise_m: float,
+    sample_step_m: float = 10.0,
+    cell_m: float | None = None,
+) -> PredictedError:
+    """Predict the standard deviation and the error of the map that a route will give.
+
+    Parameters
+    ----------
+    route : Route
+        What is driven; samples are taken along swaths and transits.
+    area : SurveyArea
+        Where the map is wanted.
+    kernel : survey.reconstruction.gp.kernels.Kernel
+        Covariance of what is not yet known of the terrain [m²].
+    noise_m : float
+        Standard deviation of a sample [m].
+    sample_step_m : float
+        Distance between samples [m].
+    cell_m : float, optional
+        Distance between the nodes of the predicted map [m]; a thirtieth of the longer
+        side by default.
+
+    Returns
+    -------
+    PredictedError
+        The map of the standard deviation with its summary.
+
+    Raises
+    ------
+    InputError
+        A route in another CRS than the area; cells too large for the area.
+    ConfigError
+        A negative noise, a sample spacing that is not greater than 0.
+
+    Notes
+    -----
+    The prediction is as good as the covariance: relief that is rougher than the kernel says
+    is not included, nor are errors of the rover's position. Heights of a prior do not enter.
+
+    Examples
+    --------
+    >>> import planners
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
+    >>> route = planners.plan(area, None, planners.LawnmowerConfig(swaths=6))
+    >>> error = predict_error(route, area, SquaredExponential(30.0, 150.0), noise_m=0.1)
+    >>> error.std.shape, 0.0 < error.rmse_m < 1.0
+    ((30, 30), True)
+    """
+    area.require_crs(route.crs, "the route")
+    model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=sample_step_m, cell_m=cell_m)
+    return model.error(route)
+
+
+def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
+    """Fit a covariance to the elevations that are known beforehand, by their likelihood.
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse elevations.
+    area : SurveyArea
+        Cells on its free ground, and next to it, are used; of fewer than 36, those within its bounds.
+
+    Returns
+    -------
+    Kernel
+        The likeliest of squared exponential, Matérn 5/2 and Matérn 3/2.
+
+    Raises
+    ------
+    InputError
+        Fewer than 9 known cells on the area.
+
+    Notes
+    -----
+    Of more than 10,000 cells, 25 groups of 16 cells are used, spread evenly.
+
+    Coarse cells show no relief finer than themselves, so errors predicted with this
+    kernel are too small on rough ground; refit on the survey's first swaths.
+
+    Examples
+    --------
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 90.0, 90.0), "EPSG:32608")
+    >>> heights = np.add.outer(np.sin(np.arange(7.0)), np.cos(np.arange(7.0)))
+    >>> from survey.data.grid import Grid
+    >>> kernel = terrain_kernel(Dem.on(Grid((0.0, 0.0, 90.0, 90.0), 15.0, "EPSG:32608"), heights), area)
+    >>> 5.0 < kernel.length_scales_m[0] < 100.0
+    True
+    """
+    area.require_crs(prior.crs, "the prior")
+    xmin, ymin, xmax, ymax = area.bounds
+    prior = _over(prior, area)
+    require_cells(prior.elevation.size)
+    xy, height = prior.xy, prior.elevation.ravel()
+    near = (xy >= [xmin, ymin]).all(axis=1) & (xy <= [xmax, ymax]).all(axis=1) & np.isfinite(height)
+    about = near & _about(area, prior)
+    if about.sum() >= _LEAST_ABOUT:
+        near = about
+    if near.sum() < _LEAST_CELLS:
+        raise InputError(
+            f"{int(near.sum())} known cells of the prior lie on the area; at least {_LEAST_CELLS} are needed to fit a length scale."
+        )
+    some = near & _in_groups(prior.shape)
+    if near.sum() > _MOST_CELLS and some.sum() > _LEAST_CELLS**2:
+        near = some
+    noise = np.full(int(near.sum()), 1e-4 * float(np.var(height[near])) + 1e-4)
+    found = likeliest(xy[near], height[near], noise, GaussianProcessConfig(), candidates=SMOOTH_TO_ROUGH)
+    return found.kernel
+
+
+def _about(area: SurveyArea, prior: Dem) -> BoolArray:
+    """Return which cells (R · C,) are on the free ground or next to it: valley sides are rougher than a glacier."""
+    about = area.free.buffer(prior.step_m)
+    shapely.prepare(about)
+    inside: BoolArray = shapely.contains_xy(about, prior.xy)
+    return inside
+
+
+def _in_groups(shape: tuple[int, int]) -> BoolArray:
+    """Return which cells (R · C,) of a grid lie in groups that are spread evenly over it."""
+    rows, columns = (_group_indices(n) for n in shape)
+    chosen = np.zeros(shape, dtype=np.bool_)
+    chosen[np.ix_(rows, columns)] = True
+    return chosen.ravel()
+
+
+def _group_indices(n: int) -> IntArray:
+    """Return the indices along a side of n cells that lie in groups."""
+    first = np.linspace(0, max(n - 1 - _OFFSETS[-1], 0), _N_GROUPS).astype(int)
+    indices: IntArray = np.unique(np.minimum(first[:, None] + _OFFSETS, n - 1))
+    return indices
+
+
+def _over(prior: Dem, area: SurveyArea) -> Dem:
+    """Return the cells of a prior about an area; all of them where fewer than 2 × 2 lie on it."""
+    xmin, ymin, xmax, ymax = area.bounds
+    pad = 2.0 * prior.step_m
+    try:
+        return prior.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    except InputError:
+        return prior
+
+
+def slope_length_m(kernel: Kernel) -> float:
+    r"""Return the distance over which slopes change: what the length of a wave is measured by [m].
+
+    .. math::  \sqrt{v / -k''(0)} \approx h / \sqrt{2 (1 - k(h) / v)}
+
+    the standard deviation of heights over that of slopes. It is ℓ for the squared
+    exponential and ℓ/√3 for the Matérn 3/2 covariance, so that one number fits smooth and
+    rough terrain. Of several directions the shortest counts.
+    """
+    angles = np.linspace(0.0, np.pi, 12, endpoint=False)
+    lag_m = 0.02 * kernel.length_scales_m[0]
+    lags = lag_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    lost = 1.0 - kernel.covariance_of_lag(lags) / kernel.variance_m2
+    return lag_m / float(np.sqrt(2.0 * lost.max()))

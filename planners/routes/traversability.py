@@ -1,0 +1,397 @@
+"""Traversability: ground within a rover's limits of slope, roughness and width, reachable from its starts.
+
+`drivable` closes the cells of a DEM that are too steep or too rough, ground that is too narrow, and pieces that no start
+reaches. It returns the free ground, and each piece that is left out with the reason. `without_marked` cuts the marked
+cells of a raster out of an area as no-go zones.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import rasterio.features
+import shapely
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+from scipy.ndimage import convolve
+from shapely import MultiPolygon, Polygon
+
+from planners.capacity import require_cells
+from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
+from planners.routes.shortest_paths import FreeGround
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.config import Section
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+
+
+def roughness(dem: Dem) -> FloatArray:
+    """Return the standard deviation of heights about the plane through each 3 × 3 cells [m].
+
+    The plane is the least-squares one; with nine heights and three parameters the sum of
+    squares is divided by six. NaN at the border and beside nodata.
+
+    Examples
+    --------
+    >>> from affine import Affine
+    >>> tilted = Dem(np.add.outer(np.arange(4.0), np.arange(4.0)), Affine(1, 0, 0, 0, -1, 0), "EPSG:32608")
+    >>> bool(np.nanmax(roughness(tilted)) < 1e-9)
+    True
+    """
+    z = dem.elevation - np.nanmean(dem.elevation)
+    ones, step = np.ones((3, 3)), np.array([-1.0, 0.0, 1.0])
+    mean = convolve(z, ones / 9.0, mode="constant", cval=np.nan)
+    square = convolve(z * z, ones, mode="constant", cval=np.nan)
+    east = convolve(z, np.tile(step, (3, 1)), mode="constant", cval=np.nan)
+    north = convolve(z, np.tile(step[:, None], (1, 3)), mode="constant", cval=np.nan)
+    # Over nine cells the columns and rows are orthogonal with squared length 6.
+    residual = square - 9.0 * mean**2 - (east**2 + north**2) / 6.0
+    sd: FloatArray = np.sqrt(np.maximum(residual, 0.0) / 6.0)
+    return sd
+
+
+def cell_outline(cells: BoolArray, dem: Dem) -> shapely.Geometry:
+    """Return ground that holds the marked cells and half a cell around them, smoothed outwards only.
+
+    Beyond that half cell, slopes interpolated between cell centres are those of open cells alone.
+    """
+    shapes = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=dem.transform)
+    union = shapely.union_all([shapely.geometry.shape(geometry) for geometry, _ in shapes])
+    # Simplification takes away up to a quarter of a cell, so the outline is moved out by as much.
+    tolerance = 0.25 * dem.step_m
+    return shapely.simplify(union.buffer(0.5 * dem.step_m + tolerance, join_style="mitre"), 0.95 * tolerance)
+
+
+Reason = Literal["too steep", "too rough", "height unknown", "too narrow", "cut off"]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Piece of the area where the rover cannot be, and why.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon
+        Outline in the area's CRS [m].
+    reason : {"too steep", "too rough", "height unknown", "too narrow", "cut off"}
+        Why it is left out.
+    map_scale : float
+        Grid metres for each metre on the ground, where this differs from 1 by more than 1 %.
+    """
+
+    polygon: Polygon
+    reason: Reason
+    map_scale: float = 1.0
+
+    @property
+    def area_m2(self) -> float:
+        """Area on the ground [m²]."""
+        return float(self.polygon.area) / self.map_scale**2
+
+    def __str__(self) -> str:
+        """Return area, place and reason in half a sentence."""
+        x, y = self.polygon.representative_point().coords[0]
+        return f"{self.area_m2:.0f} m² around ({x:.1f}, {y:.1f}) ({self.reason})"
+
+
+@dataclass(frozen=True)
+class Drivable:
+    """Ground that can be surveyed, and the pieces of the area that cannot.
+
+    Parameters
+    ----------
+    ground : FreeGround
+        Where rovers may be.
+    left_out : tuple of LeftOut
+        The rest of the area, by reason.
+    """
+
+    ground: FreeGround
+    left_out: tuple[LeftOut, ...]
+
+    def within(self, area: SurveyArea) -> SurveyArea:
+        """Return the area cut to the ground.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            The area that the ground was found in.
+
+        Returns
+        -------
+        SurveyArea
+            Starts on the border move a millimetre inwards.
+        """
+        if self.ground.polygon.equals(area.free):
+            return area
+        starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
+        return SurveyArea(self.ground.polygon, area.crs, (), starts, area.reference)
+
+    def left_out_share(self, area: SurveyArea) -> float:
+        """Return the share of the area's free ground that is left out.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            The area that the ground was found in.
+
+        Returns
+        -------
+        float
+            Between 0 and 1.
+        """
+        return float(sum(piece.polygon.area for piece in self.left_out)) / float(area.free.area)
+
+    def __str__(self) -> str:
+        """List the three largest pieces that are left out, with place and reason."""
+        return listed(list(self.left_out))
+
+
+def listed(pieces: list[LeftOut]) -> str:
+    """Return a list of the three largest pieces, and how many more there are."""
+    largest = sorted(pieces, key=lambda piece: -piece.polygon.area)
+    rest = f" and {len(pieces) - 3} more" if len(pieces) > 3 else ""
+    return ", ".join(str(piece) for piece in largest[:3]) + rest
+
+
+_ROUNDING_M = 1e-6
+
+
+class RoverLimits(Section):
+    """Limits of the ground that a rover can drive on.
+
+    Examples
+    --------
+    >>> RoverLimits(max_pitch_deg=25.0, max_roll_deg=15.0).max_slope_deg
+    15.0
+    """
+
+    max_pitch_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope along the direction of driving [deg]; not checked when left out."""
+    max_roll_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope across the direction of driving [deg]; not checked when left out."""
+    max_roughness_m: PositiveFloat | None = None
+    """Largest standard deviation of heights about the plane through 3 × 3 cells [m]; not checked when left out."""
+    clearance_m: NonNegativeFloat = 0.0
+    """Distance that the rover's centre keeps from every border, such as half its width [m]."""
+
+    @property
+    def max_slope_deg(self) -> float | None:
+        """Slope on which a rover may take any heading, as it must wherever it turns [deg]; None without limits."""
+        return min((a for a in (self.max_pitch_deg, self.max_roll_deg) if a is not None), default=None)
+
+    @property
+    def turning_room_m(self) -> float:
+        """Distance from every border that a rover needs where it turns [m]; 0 for one that pivots."""
+        return 0.0
+
+    @property
+    def needs_heights(self) -> bool:
+        """Whether heights of the ground are needed to find where the rover can drive."""
+        return self.max_slope_deg is not None or self.max_roughness_m is not None
+
+
+def drivable(
+    area: SurveyArea, limits: RoverLimits | None = None, dem: Dem | None = None, *, reach_all: bool = False
+) -> Drivable:
+    """Return the area's free ground that a rover can drive on.
+
+    A cell of the DEM is closed when its slope exceeds ``min(max pitch, max roll)``,
+    when it is too rough or when its height or a neighbour's is unknown. Closed cells
+    are closed as squares with half a cell around them, and their outlines are simplified outwards
+    only: nowhere on the ground does the slope between cell centres exceed the limit.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        Its no-go zones are left out; its starts say which parts can be reached. Without
+        a start the largest part counts as the one that can.
+    limits : RoverLimits, optional
+        Limits of slope, roughness and width.
+    dem : Dem, optional
+        Needed where slope or roughness are limited, in the area's CRS.
+    reach_all : bool
+        Refuse ground that is cut off instead of leaving it out.
+
+    Returns
+    -------
+    Drivable
+        The ground, and the pieces that are left out with their reasons.
+
+    Raises
+    ------
+    InputError
+        Nothing is left; a start lies on closed ground; limits of the slope without heights;
+        ground is cut off and `reach_all` is set. The message says which part and why.
+
+    Notes
+    -----
+    Slopes are those of the DEM's cells: steps smaller than a cell, crevasses and boulders
+    are not seen. Limits are those on the ground, whatever the scale of the CRS.
+
+    Examples
+    --------
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 100.0, 50.0), "EPSG:32608")
+    >>> drivable(area, RoverLimits(clearance_m=2.0)).ground.polygon.area < area.free.area
+    True
+    """
+    factor = settings_factor(area)
+    limits, dem = in_grid_metres(limits or RoverLimits(), factor), dem_in_grid_metres(dem, factor)
+    within = _free_within(limits, dem, area)
+    if within.free.is_empty:
+        raise InputError(
+            f"no ground is left to drive on: {listed(within.left_out)}; relax the limits or move the area."
+        )
+    ground, cut_off = _reached(within.free, area, within.left_out)
+    if cut_off and reach_all:
+        raise InputError(
+            f"not all of the area can be reached from its starts: {listed(cut_off)}; start a rover there or leave it out of the area."
+        )
+    return Drivable(ground, tuple(replace(piece, map_scale=factor) for piece in within.left_out + cut_off))
+
+
+@dataclass
+class _Free:
+    """Ground that is still free, and what was left out of the area so far."""
+
+    free: Polygon | MultiPolygon
+    left_out: list[LeftOut]
+
+    def close(self, closed: shapely.Geometry, reason: Reason) -> None:
+        """Leave out closed ground."""
+        self.left_out += _pieces(shapely.intersection(self.free, closed), reason)
+        self.free = _polygonal(shapely.difference(self.free, closed))
+
+    def narrow(self, clearance_m: float) -> None:
+        """Keep a distance from every border, and leave out what is too narrow for it."""
+        # Chords of round corners come nearer by half a percent, and offsets are drawn to one percent.
+        offset_m = 1.015 * clearance_m
+        narrowed = _polygonal(self.free.buffer(-offset_m, quad_segs=8))
+        opened = narrowed.buffer(1.02 * offset_m, quad_segs=8)
+        self.left_out += _pieces(shapely.difference(self.free, opened), "too narrow")
+        self.free = narrowed
+
+    def open(self, room_m: float) -> None:
+        """Leave out what is too narrow to turn in."""
+        opened = self.free.buffer(-room_m, quad_segs=8).buffer(room_m, quad_segs=8)
+        opened = _polygonal(shapely.intersection(opened, self.free))
+        self.left_out += _pieces(shapely.difference(self.free, opened), "too narrow")
+        self.free = opened
+
+
+def _free_within(limits: RoverLimits, dem: Dem | None, area: SurveyArea) -> _Free:
+    """Return the ground of an area that is within the limits of a rover."""
+    within = _Free(area.free, [])
+    if limits.needs_heights:
+        if dem is None:
+            raise InputError(
+                "the rover's limits of slope and roughness need heights; give a prior DEM of the area."
+            )
+        area.require_crs(dem.crs, "the DEM")
+        for reason, closed in _closed_ground(dem, limits, area).items():
+            within.close(closed, reason)
+    if limits.clearance_m > 0.0:
+        within.narrow(limits.clearance_m)
+    if limits.turning_room_m > 0.0:
+        within.open(limits.turning_room_m)
+    if not within.free.equals(area.free):
+        # Where borders cross, rounding may put a new corner outside the old border.
+        within.free = _polygonal(within.free.buffer(-_ROUNDING_M, join_style="mitre"))
+    return within
+
+
+def _reached(
+    free: Polygon | MultiPolygon, area: SurveyArea, left_out: list[LeftOut]
+) -> tuple[FreeGround, list[LeftOut]]:
+    """Keep the parts with a start, or the largest one, and list the others as cut off."""
+    parts = sorted(shapely.get_parts(FreeGround(free).inner), key=lambda part: -part.area)
+    for x, y in area.starts:
+        if not any(part.dwithin(shapely.Point(x, y), 0.01) for part in parts):
+            why = [str(piece) for piece in left_out if piece.polygon.covers(shapely.Point(x, y))]
+            raise InputError(
+                f"the start ({x:.1f}, {y:.1f}) is on ground that cannot be driven on: {(why or ['too near a border'])[0]}; move it."
+            )
+    home = [part for part in parts if any(part.dwithin(shapely.Point(xy), 0.01) for xy in area.starts)]
+    home = home or parts[:1]
+    reached = [part for part in shapely.get_parts(free) if any(part.intersects(h) for h in home)]
+    away = [LeftOut(part, "cut off") for part in parts if part not in home and part.area > 1.0]
+    return FreeGround(
+        _polygonal(shapely.union_all(reached)) if len(home) == len(parts) else _union(home)
+    ), away
+
+
+def _union(parts: list[Polygon]) -> Polygon | MultiPolygon:
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+
+def _polygonal(shape: shapely.Geometry) -> Polygon | MultiPolygon:
+    """Return the polygons of a shape; difference and intersection may leave lines and points."""
+    return _union([part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"])
+
+
+def _pieces(shape: shapely.Geometry, reason: Reason) -> list[LeftOut]:
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1.0]
+    return [LeftOut(part, reason) for part in sorted(parts, key=lambda part: -part.area)]
+
+
+def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reason, shapely.Geometry]:
+    """Return, for each reason, the ground of the cells that are closed for it."""
+    xmin, ymin, xmax, ymax = area.bounds
+    pad = 3.0 * dem.step_m
+    dem = dem.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    require_cells(dem.elevation.size)
+    slope_deg = dem.slope().elevation
+    closed: dict[Reason, BoolArray] = {
+        "height unknown": ~np.isfinite(slope_deg),
+    }
+    if limits.max_slope_deg is not None:
+        closed["too steep"] = slope_deg > limits.max_slope_deg
+    if limits.max_roughness_m is not None:
+        closed["too rough"] = roughness(dem) > limits.max_roughness_m
+    ground: dict[Reason, shapely.Geometry] = {
+        reason: cell_outline(cells, dem) for reason, cells in closed.items() if cells.any()
+    }
+    outside = shapely.difference(shapely.box(*area.bounds), shapely.box(*dem.bounds))
+    if not outside.is_empty:
+        ground["height unknown"] = shapely.union(ground.get("height unknown", Polygon()), outside)
+    return ground
+
+
+def without_marked(area: SurveyArea, mask: Dem) -> SurveyArea:
+    """Return an area whose no-go zones also hold the cells of a raster that are marked, with half a cell around them.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        What is to be surveyed.
+    mask : Dem
+        1 where driving is forbidden, such as the ``no_go.tif`` of a map with bounds; 0 or NaN elsewhere.
+
+    Raises
+    ------
+    InputError
+        Another CRS, other values, nothing left, or a start on marked ground.
+
+    Examples
+    --------
+    >>> from affine import Affine
+    >>> square = SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), "EPSG:32608")
+    >>> corner = np.zeros((4, 4))
+    >>> corner[0, 3] = 1.0
+    >>> mask = Dem(corner, Affine(10, 0, 0, 0, -10, 40), "EPSG:32608")
+    >>> bool(without_marked(square, mask).free.area < square.free.area - 100.0)
+    True
+    """
+    area.require_crs(mask.crs, "the mask of no-go ground")
+    values = mask.elevation[np.isfinite(mask.elevation)]
+    if not np.isin(values, (0.0, 1.0)).all():
+        raise InputError(
+            f"the mask of no-go ground holds values from {values.min():g} to {values.max():g}; 1 for no-go ground and 0 "
+            "elsewhere were expected."
+        )
+    marked = mask.elevation == 1.0
+    if not marked.any():
+        return area
+    zones = shapely.intersection(cell_outline(marked, mask), area.polygon)
+    parts = [part for part in shapely.get_parts(zones) if part.geom_type == "Polygon" and part.area > 0.0]
+    return replace(area, no_go=(*area.no_go, *parts))

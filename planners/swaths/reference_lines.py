@@ -1,0 +1,230 @@
+"""Reference lines of a survey: parallel, evenly spaced, cut to the free ground.
+
+`reference_lines` lays them over the bounds of an area in the direction and at the spacing of a `SwathConfig`; a
+`Swath` is what is driven along one of them. A concave border or no-go ground cuts a line into several pieces:
+`count_lines` counts the lines of a route, and `swaths_text` states lines and pieces.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import shapely
+
+from planners.capacity import require_lines
+from planners.config import Corner, SwathConfig
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.route import Route
+
+_SHORTEST_M = 0.01
+"""Cutting leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
+
+_TOWARDS: dict[Corner, tuple[float, float]] = {
+    "south-west": (-1.0, -1.0),
+    "south-east": (1.0, -1.0),
+    "north-west": (-1.0, 1.0),
+    "north-east": (1.0, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Swath:
+    """Driven line ``xy`` (N, 2) [m], and the straight line it deviates from, ``axis`` (2, 2) [m]."""
+
+    xy: FloatArray
+    axis: FloatArray
+
+
+@dataclass(frozen=True)
+class ReferenceLines:
+    """Pieces of parallel lines, line by line in the order and direction of the first sweep.
+
+    ``lines`` holds one list of axes (2, 2) [m] per line, each pointing along `heading_deg`.
+    """
+
+    lines: tuple[tuple[FloatArray, ...], ...]
+    spacing_m: float
+    heading_deg: float
+
+    @property
+    def back_and_forth(self) -> list[FloatArray]:
+        """Every axis in boustrophedon order and direction."""
+        axes: list[FloatArray] = []
+        for index, line in enumerate(self.lines):
+            axes += list(line) if index % 2 == 0 else [axis[::-1] for axis in line[::-1]]
+        return axes
+
+
+def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
+    """Lay the reference lines of a pattern over an area.
+
+    The width W across the heading is shared by n lines so that neighbours are
+    ``D = W / (n - 1 + 2 o)`` apart and the outer ones `outer_share` o spacings from the
+    border: for o = 1/2 the lines at ``(i + 1/2) W / n`` of the glacier paper.
+
+    Raises
+    ------
+    InputError
+        No line meets the free ground.
+    """
+    heading_deg = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
+    along, left = axes_of(heading_deg)
+    corners = shapely.get_coordinates(area.free)
+    u, v = corners @ along, corners @ left
+    width = float(np.ptp(v))
+    n = n_lines(width, config)
+    require_lines(n, width)
+    spacing_m = width / (n - 1 + 2.0 * config.outer_share)
+    offsets = v.min() + 0.5 * (width - (n - 1) * spacing_m) + spacing_m * np.arange(n)
+    reach = np.array([u.min() - 1.0, u.max() + 1.0])
+    cut = [_pieces(area.free, reach[:, None] * along + offset * left) for offset in offsets]
+    lines = [
+        tuple(shortened(piece, config.inset_share * spacing_m) for piece in line) for line in cut if line
+    ]
+    if not lines:
+        xmin, ymin, xmax, ymax = area.bounds
+        raise InputError(
+            f"no swath meets the free ground of the area of {xmax - xmin:.1f} × {ymax - ymin:.1f} m; ask for more swaths."
+        )
+    return ReferenceLines(_from_corner(lines, area, config.start), spacing_m, heading_deg)
+
+
+def n_lines(width_m: float, config: SwathConfig) -> int:
+    """Return the number of lines that a width takes at the wanted spacing."""
+    if config.spacing_m is None:
+        return config.swaths or 1
+    require_lines(int(min(width_m / config.spacing_m, 1e15)), width_m)
+    # A width that is an integer number of spacings must not gain a line by rounding.
+    return max(int(np.ceil(width_m / config.spacing_m + 1.0 - 2.0 * config.outer_share - 1e-9)), 1)
+
+
+def towards(corner: Corner | None) -> FloatArray:
+    """Return the direction (2,) in which a corner lies; the south-western one by default."""
+    return np.array(_TOWARDS[corner or "south-west"])
+
+
+def axes_of(heading_deg: float) -> tuple[FloatArray, FloatArray]:
+    """Return the unit vectors along a heading and to its left; exact for multiples of 90°."""
+    quarter, rest = divmod(heading_deg, 90.0)
+    c, s = (float(np.cos(np.radians(rest))), float(np.sin(np.radians(rest)))) if rest else (1.0, 0.0)
+    for _ in range(int(quarter) % 4):
+        c, s = -s, c
+    return np.array([c, s]) + 0.0, np.array([-s, c]) + 0.0
+
+
+def narrowest_heading(polygon: Any) -> float:
+    """Return the heading [deg, 0 to 180) across which a polygon is narrowest.
+
+    The narrowest direction of a convex polygon is square to one of its edges (Houle and
+    Toussaint 1988). Of equally good headings the one nearest to east is taken.
+    """
+    hull = shapely.get_coordinates(polygon.convex_hull)
+    edges = np.diff(hull, axis=0)
+    headings = np.round(np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) % 180.0, 9) % 180.0
+    widths = np.array([np.ptp(hull @ axes_of(heading)[1]) for heading in headings])
+    # A nanometre per metre of slack makes opposite edges of a rectangle equally good.
+    good = headings[widths <= widths.min() * (1.0 + 1e-9)]
+    return float(good[np.argmin(np.minimum(good, 180.0 - good))])
+
+
+def _pieces(ground: Any, line: FloatArray) -> list[FloatArray]:
+    """Return the parts of a straight line (2, 2) on the ground, in its order and direction."""
+    parts = shapely.get_parts(shapely.intersection(ground, shapely.linestrings(line)))
+    pieces = [
+        shapely.get_coordinates(part)[[0, -1]]
+        for part in parts
+        if part.geom_type == "LineString" and part.length > _SHORTEST_M
+    ]
+    direction = line[1] - line[0]
+    turned = [piece if (piece[1] - piece[0]) @ direction > 0.0 else piece[::-1] for piece in pieces]
+    return sorted(turned, key=lambda piece: float(piece[0] @ direction))
+
+
+def shortened(axis: FloatArray, inset_m: float) -> FloatArray:
+    """Shorten an axis at both ends, by at most 0.4 of its length, so that something is left."""
+    length = float(np.hypot(*(axis[1] - axis[0])))
+    share = min(inset_m / length, 0.4)
+    return np.array([axis[0] + share * (axis[1] - axis[0]), axis[1] - share * (axis[1] - axis[0])])
+
+
+def _from_corner(
+    lines: list[tuple[FloatArray, ...]], area: SurveyArea, corner: Corner | None
+) -> tuple[tuple[FloatArray, ...], ...]:
+    """Turn order and direction of the lines so that the first one begins at the wanted corner."""
+    best, least = lines, np.inf
+    for reverse_order, reverse_direction in product((False, True), repeat=2):
+        order = lines[::-1] if reverse_order else lines
+        turned = [tuple(axis[::-1] for axis in line[::-1]) for line in order] if reverse_direction else order
+        first = turned[0][0][0]
+        if corner is None and len(area.starts):
+            cost = float(np.hypot(*(first - area.starts[0])))
+        else:
+            cost = -float((first - area.reference) @ towards(corner))
+        if cost < least - 1e-6:
+            best, least = turned, cost
+    return tuple(best)
+
+
+_APART_M = 0.01
+
+
+def count_lines(route: Route) -> int:
+    """Return the number of straight lines that the swaths of a route lie on.
+
+    A concave border or no-go ground cuts a line into several swaths.
+
+    Parameters
+    ----------
+    route : Route
+        Its swaths' axes are counted; those on one line to a centimetre count once.
+
+    Returns
+    -------
+    int
+        At most ``len(route.swaths)``.
+
+    Examples
+    --------
+    >>> from survey import Leg
+    >>> legs = (Leg("swath", [[0.0, 0.0], [4.0, 0.0]]), Leg("transit", [[4.0, 0.0], [6.0, 0.0]]),
+    ...         Leg("swath", [[6.0, 0.0], [9.0, 0.0]]))
+    >>> count_lines(Route(legs, "EPSG:32608", "lawnmower"))
+    1
+    """
+    axes = np.array([swath.axis for swath in route.swaths])
+    axes -= axes.mean(axis=(0, 1))
+    along = axes[:, 1] - axes[:, 0]
+    lengths = np.hypot(*along.T)
+    left: list[int] = list(np.argsort(-lengths, kind="stable"))
+    n = 0
+    while left:
+        # The longest axis left gives the direction of its line best.
+        first = left[0]
+        direction = along[first] / lengths[first]
+        normal = np.array([-direction[1], direction[0]])
+        off = np.abs((axes[left] - axes[first, 0]) @ normal).max(axis=1)
+        left = [index for index, distance in zip(left, off, strict=True) if distance > _APART_M]
+        n += 1
+    return n
+
+
+def swaths_text(route: Route) -> str:
+    """Return the number of swaths in words, with the number of lines where some are cut into pieces.
+
+    Parameters
+    ----------
+    route : Route
+        A planned route.
+
+    Returns
+    -------
+    str
+        Such as ``"4 swaths"`` or ``"4 lines in 6 pieces"``.
+    """
+    n_lines, n_pieces = count_lines(route), len(route.swaths)
+    if n_lines < n_pieces:
+        return f"{n_lines} line{'s' * (n_lines > 1)} in {n_pieces} pieces"
+    return f"{n_pieces} swath{'s' * (n_pieces > 1)}"

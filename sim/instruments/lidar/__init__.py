@@ -1,1 +1,0 @@
-"""Simulated LiDAR: rays that meet the real terrain, and returns with noise, dropouts, ghosts and spray."""

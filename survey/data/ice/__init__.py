@@ -1,1 +1,0 @@
-"""Motion of a glacier as data of a survey, and its file."""

@@ -1,1 +1,0 @@
-"""LiDAR scans of a drive: geometry of the scanner, and the returns of each turn."""

@@ -1,0 +1,556 @@
+"""Column names of survey tables: usual spellings, units in brackets, and mappings that a user names.
+
+Readers of points and of time series share `SPELLINGS`, so that a spelling is added in one place. Names are compared in
+lower case, with one underscore for anything that is neither letter nor digit. Columns in millimetres and centimetres are
+converted; a table with a place in feet alone is refused.
+"""
+
+import logging
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple, get_args
+
+from survey.core.crs import ELLIPSOIDAL, UNSTATED
+from survey.core.errors import ConfigError, InputError
+from survey.core.text import printable
+from survey.io.text_tables import Axis
+
+SPELLINGS: Mapping[str, tuple[str, ...]] = {
+    "x": ("x_m", "x", "x_coord", "x_coordinate", "point_x"),
+    "y": ("y_m", "y", "y_coord", "y_coordinate", "point_y"),
+    "easting": (
+        "easting_m",
+        "easting",
+        "x_easting",
+        "east_m",
+        "east",
+        "e",
+        "grid_easting",
+        "utm_easting",
+        "utm_e",
+        "este",
+        "rechtswert",
+        "ostwert",
+        "est",
+        "ost",
+        "øst",
+    ),
+    "northing": (
+        "northing_m",
+        "northing",
+        "y_northing",
+        "north_m",
+        "north",
+        "n",
+        "grid_northing",
+        "utm_northing",
+        "utm_n",
+        "norte",
+        "hochwert",
+        "nordwert",
+        "nord",
+        "nord",
+    ),
+    "longitude": (
+        "longitude_deg",
+        "longitude",
+        "x_longitude",
+        "lon_deg",
+        "lon",
+        "lng",
+        "long",
+        "longitud",
+        "longitude_wgs84",
+        "gps_longitude",
+        "longitudedegrees",
+        "länge",
+        "laenge",
+        "geographic_longitude",
+    ),
+    "latitude": (
+        "latitude_deg",
+        "latitude",
+        "y_latitude",
+        "lat_deg",
+        "lat",
+        "latitud",
+        "latitude_wgs84",
+        "gps_latitude",
+        "latitudedegrees",
+        "breite",
+        "geographic_latitude",
+    ),
+    "height": (
+        "z_m",
+        "z",
+        "elevation",
+        "height",
+        "h",
+        "altitude",
+        "elevation_m",
+        "height_m",
+        "altitude_m",
+        "elev",
+        "elev_m",
+        "alt",
+        "alt_m",
+        "ele",
+        "z_coord",
+        "z_coordinate",
+        "point_z",
+        "z_altitude",
+        "z_elevation",
+        "orthometric_height",
+        "orthometric_height_m",
+        "ortho_height",
+        "ellipsoidal_height",
+        "ellipsoidal_height_m",
+        "ellipsoid_height",
+        "ellip_height",
+        "ell_height",
+        "msl_height",
+        "gps_altitude",
+        "altitudemeters",
+        "höhe",
+        "hoehe",
+        "altura",
+        "cota",
+        "høyde",
+        "höjd",
+        "quota",
+        "hauteur",
+        "ortho_elevation",
+    ),
+    "sigma_z": (
+        "sigma_z_m",
+        "sigma_z",
+        "sigma_u",
+        "sigma_up",
+        "sigma_v",
+        "sdv",
+        "sdv_m",
+        "sdz",
+        "sdz_m",
+        "sdu",
+        "sdu_m",
+        "sd_v",
+        "sd_z",
+        "sd_u",
+        "sd_up",
+        "std_z",
+        "std_u",
+        "std_up",
+        "std_v",
+        "stdz",
+        "vrms",
+        "v_rms",
+        "rms_v",
+        "elevation_rms",
+        "vertical_rms",
+        "vertical_rms_m",
+        "vertical_sd",
+        "vertical_std",
+        "vertical_precision",
+        "vertical_precision_m",
+        "vert_precision",
+        "vert_prec",
+        "vprec",
+        "v_prec",
+        "vertical_accuracy_m",
+        "vertical_accuracy",
+        "v_sd",
+        "sd_height",
+        "sd_elevation",
+        "cq_1d",
+        "cq_height",
+        "cq_höhe",
+        "v_prec_obs",
+        "précision_z",
+        "precision_z",
+        "vacc",
+        "v_acc",
+        "verticalaccuracy",
+        "v_accuracy",
+        "z_accuracy",
+        "accuracy_z",
+    ),
+    "sigma_xy": (
+        "sigma_xy_m",
+        "sigma_xy",
+        "sdh",
+        "sdh_m",
+        "sd_h",
+        "hrms",
+        "h_rms",
+        "rms_h",
+        "horizontal_rms",
+        "horizontal_rms_m",
+        "horizontal_sd",
+        "horizontal_std",
+        "horizontal_precision",
+        "horizontal_precision_m",
+        "horz_prec",
+        "hz_prec",
+        "hprec",
+        "h_prec",
+        "horizontal_accuracy_m",
+        "horizontal_accuracy",
+        "lateral_rms",
+        "hacc",
+        "hacc_m",
+        "h_acc",
+        "h_acc_m",
+        "accuracy",
+        "accuracy_m",
+        "accuracymeters",
+        "h_sd",
+        "cq_2d",
+        "h_prec_obs",
+        "horizontalaccuracy",
+        "h_accuracy",
+    ),
+    "map_x": ("map_x_m", "map_x", "map_easting", "map_east", "map_e"),
+    "map_y": ("map_y_m", "map_y", "map_northing", "map_north", "map_n"),
+    "name": (
+        "name",
+        "point",
+        "point_id",
+        "pointid",
+        "point_name",
+        "point_number",
+        "pt",
+        "pt_id",
+        "ptid",
+        "id",
+        "station",
+        "punkt",
+        "punktnummer",
+        "punktnr",
+        "punto",
+        "nombre",
+    ),
+    "vegetated": ("vegetated",),
+    "control": ("control",),
+    "date": ("date", "datum", "fecha", "date_utc", "utc_date"),
+    "time": (
+        "time_s",
+        "time",
+        "t",
+        "t_s",
+        "timestamp",
+        "timestamp_s",
+        "time_stamp",
+        "seconds",
+        "elapsed_s",
+        "utc_s",
+        "unix_s",
+        "unix_time",
+        "epoch_s",
+        "gps_time_s",
+        "utc",
+        "utc_time",
+        "time_utc",
+        "datetime",
+        "date_time",
+        "datetime_utc",
+        "iso_time",
+        "gps_time",
+        "time_ms",
+        "timestamp_ms",
+        "unix_ms",
+        "unix_time_ms",
+        "unixtimemillis",
+        "uhrzeit",
+        "zeit",
+        "datum_uhrzeit",
+    ),
+}
+"""Normalized names of columns by what they hold; `spelled` shows how a header is compared with them."""
+
+OWN_NAMES: Mapping[str, str] = {
+    "x": "x_m",
+    "y": "y_m",
+    "z": "z_m",
+    "lon": "longitude_deg",
+    "lat": "latitude_deg",
+    "sigma_z": "sigma_z_m",
+    "sigma_xy": "sigma_xy_m",
+    "map_x": "map_x_m",
+    "map_y": "map_y_m",
+    "name": "name",
+    "vegetated": "vegetated",
+    "control": "control",
+    "time": "time_s",
+}
+"""Keys of a column mapping (``--columns x=Easting``), with the name that each column takes."""
+
+
+_FACTORS = {"mm": 1e-3, "cm": 1e-2}
+_METRES = re.compile(r"_(m|met(er|re)s?)$")
+_FEET = re.compile(r"_((us|survey|international|intl)_?)*(s?ft|ift|ftus|ft_us|feet|foot)$")
+
+
+def normalized(name: str) -> str:
+    """Return the form in which names of columns are compared.
+
+    Parameters
+    ----------
+    name : str
+        Name in a header.
+
+    Returns
+    -------
+    str
+        In lower case, with one underscore for anything that is neither letter nor digit.
+
+    Examples
+    --------
+    >>> normalized(" Easting [m]"), normalized("Point ID"), normalized("Elev.")
+    ('easting_m', 'point_id', 'elev')
+    """
+    return re.sub(r"[\W_]+", "_", name.strip().lower()).strip("_")
+
+
+def parsed_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) -> dict[str, str]:
+    """Read a mapping such as ``x=Easting,y=Northing`` from the command line.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        One or more pairs ``key=column`` each, separated by commas.
+    keys : mapping of str to str
+        Keys that may be given, with the own name of each; own names are accepted too.
+
+    Returns
+    -------
+    dict of str to str
+        Column of the file by own name.
+
+    Raises
+    ------
+    ConfigError
+        Something else than pairs, an unknown key, or a key or column that is given twice.
+
+    Examples
+    --------
+    >>> parsed_columns(["x=Easting,y=Northing", "sigma_z=SDV"])
+    {'x_m': 'Easting', 'y_m': 'Northing', 'sigma_z_m': 'SDV'}
+    """
+    found: dict[str, str] = {}
+    for pair in (pair for text in texts for pair in text.split(",") if pair.strip()):
+        key, equals, column = (part.strip() for part in pair.partition("="))
+        own = keys.get(key, key)
+        if not equals or not column or own not in keys.values():
+            raise ConfigError(
+                f"the column mapping {pair.strip()!r} was not understood; key=column with one of the keys {', '.join(keys)} was expected."
+            )
+        if own in found or column in found.values():
+            raise ConfigError(
+                f"the column mapping names {pair.strip()!r} twice; give each key and column once."
+            )
+        found[own] = column
+    return found
+
+
+def spelled(name: str, kind: str) -> bool:
+    """Return whether the name of a column is a usual one for a kind of value; a unit of length does not matter.
+
+    Parameters
+    ----------
+    name : str
+        Name in a header.
+    kind : str
+        A key of `SPELLINGS`.
+
+    Returns
+    -------
+    bool
+        True for the names of `SPELLINGS`, and for those with a unit of metres, centimetres or millimetres.
+
+    Examples
+    --------
+    >>> spelled("Easting (Meter)", "easting"), spelled("VRMS(mm)", "sigma_z"), spelled("Elevation (ft)", "height")
+    (True, True, False)
+    """
+    plain = normalized(without_unit(name))
+    return plain in SPELLINGS[kind] or without_metres(plain) in SPELLINGS[kind]
+
+
+def axis_of(name: str) -> Axis | None:
+    """Return which angle a column holds by its name; None for metres and all else.
+
+    Examples
+    --------
+    >>> axis_of("Latitude"), axis_of("Easting")
+    ('latitude', None)
+    """
+    return next((axis for axis in get_args(Axis) if spelled(name, axis)), None)
+
+
+def without_metres(plain: str) -> str:
+    """Drop a unit of metres from a normalized name.
+
+    Examples
+    --------
+    >>> without_metres("easting_meter"), without_metres("h_m"), without_metres("m")
+    ('easting', 'h', 'm')
+    """
+    return _METRES.sub("", plain)
+
+
+class ColumnNames(NamedTuple):
+    """Columns of a file by own name, and the columns that are not used."""
+
+    columns: dict[str, str]
+    unused: tuple[str, ...] = ()
+
+    @property
+    def are_own(self) -> bool:
+        """Whether every column that is used has its own name in the file."""
+        return all(own == name for own, name in self.columns.items())
+
+    def sentence(self, where: str) -> str:
+        """State which columns were read, and which were not.
+
+        Examples
+        --------
+        >>> ColumnNames({"x_m": "Easting"}, ("Code",)).sentence("gnss.csv")
+        'gnss.csv: columns read as x_m = Easting; not used: Code.'
+        """
+        read = ", ".join(f"{own} = {name}" for own, name in self.columns.items())
+        rest = f"; not used: {', '.join(self.unused)}" if self.unused else ""
+        return printable(f"{where}: columns read as {read}{rest}.")
+
+
+def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) -> list[str]:
+    """Give columns that a mapping names their own names; a column that has such a name already loses it.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of all columns.
+    given : mapping of str to str
+        Column of the file by own name, as from `parsed_columns`.
+    where : str
+        Name of the file, for the message.
+
+    Returns
+    -------
+    list of str
+        Names in the order of the header.
+
+    Raises
+    ------
+    InputError
+        A column that the file does not have, or one in feet for a length.
+
+    Examples
+    --------
+    >>> renamed_header(["E", "N", "H", "z_m"], {"z_m": "H"}, "gnss.csv")
+    ['E', 'N', 'z_m', '(z_m)']
+    """
+    missing = next((name for name in given.values() if name not in header), None)
+    if missing is not None:
+        raise InputError(
+            f"{where} has no column {missing!r} (found {printable(', '.join(header))[:200]}); name one of those."
+        )
+    for key, name in given.items():
+        if key.endswith("_m") and _FEET.search(normalized(name)):
+            raise InputError(_in_feet(name, where))
+    own = {name: key for key, name in given.items()}
+    return [own.get(name, f"({name})" if name in given else name) for name in header]
+
+
+def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
+    """Return the column that holds one kind of value, by its usual spellings; None where there is none.
+
+    Parameters
+    ----------
+    kind : str
+        A key of `SPELLINGS`.
+    header : sequence of str
+        Names of all columns.
+    where : str
+        Name of the file, for the message.
+
+    Raises
+    ------
+    InputError
+        Several columns could be meant.
+
+    Examples
+    --------
+    >>> one_column("sigma_z", ["Point", "Easting", "SDH", "SDV"], "gnss.csv")
+    'SDV'
+    """
+    own = SPELLINGS[kind][0]
+    found = [name for name in header if spelled(name, kind)]
+    if own in found or len(found) < 2:
+        return own if own in found else next(iter(found), None)
+    key = next((short for short, long in OWN_NAMES.items() if long == own), kind)
+    raise InputError(
+        f"{where} has the columns {' and '.join(found)}, and either could be meant; choose one with --columns {key}={found[0]}."
+    )
+
+
+def datum_of_column(name: str) -> str:
+    """Return the vertical datum that the name of a column of heights states, ``""`` for none.
+
+    Examples
+    --------
+    >>> datum_of_column("Ellipsoidal height"), datum_of_column("Elevation")
+    ('ellipsoidal height', '')
+    """
+    return ELLIPSOIDAL if re.search(r"(^|_)ell(ip|_)", normalized(name)) else UNSTATED
+
+
+def without_unit(name: str) -> str:
+    """Drop a unit of millimetres or centimetres in brackets from the name of a column.
+
+    Examples
+    --------
+    >>> without_unit("SDV (mm)"), without_unit("SDV [m]")
+    ('SDV', 'SDV [m]')
+    """
+    return re.sub(r"\s*[\[(](mm|cm)[\])]\s*$", "", name)
+
+
+def metres_factor(name: str) -> float:
+    """Return the factor to metres that the unit in the name of a column asks for.
+
+    Examples
+    --------
+    >>> metres_factor("SDV (mm)"), metres_factor("Elevation [m]")
+    (0.001, 1.0)
+    """
+    unit = re.search(r"[\[(](mm|cm)[\])]\s*$", name)
+    return _FACTORS[unit.group(1)] if unit else 1.0
+
+
+def refuse_feet(header: Sequence[str], where: str) -> None:
+    """Refuse a table that gives a place or its standard deviation in feet alone.
+
+    Raises
+    ------
+    InputError
+        A column such as ``Elevation (ft)`` without one in metres beside it.
+    """
+    found = [normalized(name) for name in header]
+    for kind in ("easting", "northing", "height", "sigma_z"):
+        feet = [name for name, plain in zip(header, found, strict=True) if _is_feet(plain, kind)]
+        if feet and not any(spelled(name, kind) for name in header):
+            raise InputError(_in_feet(feet[0], where))
+
+
+def _in_feet(name: str, where: str) -> str:
+    return f"{where}: the column {name} is in feet; convert it to metres (US survey or international feet) and rename it."
+
+
+def _is_feet(plain: str, kind: str) -> bool:
+    return bool(_FEET.search(plain)) and _FEET.sub("", plain) in SPELLINGS[kind]
+
+
+def say_columns(where: str, names: ColumnNames) -> None:
+    """Log which columns were read, where their names are not firnline's own."""
+    if not names.are_own:
+        logging.getLogger(__name__).warning("%s", names.sentence(where))

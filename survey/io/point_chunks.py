@@ -1,0 +1,309 @@
+"""Out-of-core reading of point files: LAS, LAZ, COPC, PLY and Parquet in chunks of points.
+
+Number of points, bounds and CRS come from the header; the points follow in chunks of a million, with the number of
+their strip (point source) where the file has it. PLY is mapped into memory, and Parquet is read by row groups.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.crs import UNSTATED
+from survey.core.errors import InputError
+from survey.core.files import existing_file
+from survey.io.point_table import damaged
+
+_AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
+_STRIP = ("point_source_id", "PointSourceId", "strip")
+_CRS_KEY = b"crs"
+
+
+class ColumnChunk(NamedTuple):
+    """Coordinates (N, 3) [m] of some points, and the numbers (N,) of their strips where the file has them."""
+
+    xyz: FloatArray
+    strip: npt.NDArray[np.uint16] | None
+
+
+def ply_facts(file: Path) -> tuple[int, Bounds, Any]:
+    """Return number, bounds [m] and stated CRS of the vertices of a PLY file."""
+    vertices, comments = _mapped_ply(file)
+    axes = _axes(vertices.dtype.names or (), file)
+    low, high = ([float(f(vertices[a])) for a in axes[:2]] for f in (np.min, np.max))
+    crs = next((text.split(" ", 1)[1] for text in comments if text.startswith("crs ")), None)
+    return len(vertices), (low[0], low[1], high[0], high[1]), crs
+
+
+def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
+    """Yield the vertices of a PLY file in chunks; the file is mapped and not read as one."""
+    vertices, _ = _mapped_ply(file)
+    names = vertices.dtype.names or ()
+    axes = _axes(names, file)
+    strip = next((name for name in _STRIP if name in names), None)
+    for start in range(first, min(first + n, len(vertices)), at_once):
+        part = vertices[start : min(start + at_once, first + n)]
+        xyz = np.column_stack([part[axis].astype(np.float64) for axis in axes])
+        yield ColumnChunk(xyz, None if strip is None else part[strip].astype(np.uint16))
+
+
+def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
+    import plyfile
+
+    try:
+        ply = plyfile.PlyData.read(str(file), mmap="r")
+        return ply["vertex"].data, list(ply.comments)
+    except (plyfile.PlyParseError, KeyError, ValueError, MemoryError, TypeError, IndexError) as error:
+        raise damaged(file, "PLY", error) from error
+
+
+def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
+    """Return number, bounds [m] and stated CRS of the rows of a Parquet file.
+
+    The CRS stands in the file's metadata under ``crs``; bounds come from the statistics of the row groups.
+    """
+    table = _opened_parquet(file)
+    axes = _axes(table.schema_arrow.names, file)
+    spans = [_span(table, file, axis) for axis in axes[:2]]
+    stated = (table.schema_arrow.metadata or {}).get(_CRS_KEY)
+    bounds = (spans[0][0], spans[1][0], spans[0][1], spans[1][1])
+    return table.metadata.num_rows, bounds, None if stated is None else stated.decode()
+
+
+def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
+    """Yield the rows of a Parquet file in chunks."""
+    table = _opened_parquet(file)
+    names = table.schema_arrow.names
+    axes = _axes(names, file)
+    strip = [name for name in _STRIP if name in names][:1]
+    begin = 0
+    for batch in table.iter_batches(at_once, columns=[*axes, *strip], use_threads=False):
+        rows = slice(max(first - begin, 0), max(min(first + n - begin, len(batch)), 0))
+        begin += len(batch)
+        if rows.stop > rows.start:
+            columns = [np.asarray(batch[name])[rows] for name in (*axes, *strip)]
+            xyz = np.column_stack([column.astype(np.float64) for column in columns[:3]])
+            yield ColumnChunk(xyz, columns[3].astype(np.uint16) if strip else None)
+        if begin >= first + n:
+            return
+
+
+def _opened_parquet(file: Path) -> Any:
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        opened: Any = parquet.ParquetFile(file)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise damaged(file, "Parquet", error) from error
+    return opened
+
+
+def _span(table: Any, file: Path, axis: str) -> tuple[float, float]:
+    """Return least and greatest value of a column, by the statistics of the row groups or by reading it."""
+    index = table.metadata.schema.names.index(axis)
+    groups = [table.metadata.row_group(k).column(index) for k in range(table.metadata.num_row_groups)]
+    known = [g.statistics for g in groups if g.is_stats_set and g.statistics.has_min_max]
+    if known and len(known) == len(groups):
+        return float(min(s.min for s in known)), float(max(s.max for s in known))
+    values = np.asarray(table.read([axis])[axis], dtype=np.float64)
+    if len(values) == 0:
+        raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
+    return float(values.min()), float(values.max())
+
+
+def _axes(names: Any, file: Path) -> tuple[str, str, str]:
+    found = next((axes for axes in _AXES if set(axes) <= set(names)), None)
+    if found is None:
+        raise InputError(
+            f"the point file {file} has no columns x, y and z (found: {', '.join(map(str, names)) or 'none'}); rename them."
+        )
+    return found
+
+
+CHUNK_POINTS = 1_000_000
+"""Points that are in memory at once."""
+CHUNKED_SUFFIXES = (".las", ".laz", ".ply", ".parquet")
+"""Endings of the files that are read in chunks; ``.copc.laz`` is one of LAZ."""
+
+
+class PointFileFacts(NamedTuple):
+    """Number of points of a file, their bounds [m], and the CRS and vertical datum that the file states, if any."""
+
+    n_points: int
+    bounds: Bounds
+    crs: Any
+    vertical_datum: str = UNSTATED
+
+
+class PointChunk(NamedTuple):
+    """Some points of a file.
+
+    Parameters
+    ----------
+    xyz : (N, 3) ndarray
+        Easting, northing and elevation [m], in the file's CRS.
+    strip : (N,) ndarray of uint16
+        Number of the flight line (the point source of LAS); 0 where the file states none.
+    classes : (N,) ndarray of uint8
+        Classes of LAS, withheld points as noise; 0 where the file states none.
+    """
+
+    xyz: FloatArray
+    strip: npt.NDArray[np.uint16]
+    classes: npt.NDArray[np.uint8]
+
+
+def chunked_files(sources: list[Path]) -> list[Path]:
+    """Return the point files among paths, folders opened and sorted by name.
+
+    Parameters
+    ----------
+    sources : list of pathlib.Path
+        Files and folders.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Files whose endings are in `CHUNKED_SUFFIXES`, each once.
+
+    Raises
+    ------
+    InputError
+        A path that does not exist, another ending, or no file at all.
+    """
+    files: list[Path] = []
+    for source in sources:
+        if source.is_dir():
+            files += sorted(f for f in source.iterdir() if f.suffix.lower() in CHUNKED_SUFFIXES)
+        elif source.suffix.lower() in CHUNKED_SUFFIXES:
+            files.append(existing_file(source, "the point file"))
+        else:
+            raise InputError(
+                f"{source} cannot be read in chunks; a folder or one of {', '.join(CHUNKED_SUFFIXES)} was expected."
+            )
+    if not files:
+        raise InputError(
+            f"there is no point file in {', '.join(map(str, sources))}; {', '.join(CHUNKED_SUFFIXES)} are read."
+        )
+    return list(dict.fromkeys(files))
+
+
+def point_file_facts(path: str | Path) -> PointFileFacts:
+    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file whose ending is in `CHUNKED_SUFFIXES`.
+
+    Returns
+    -------
+    PointFileFacts
+        Number of points, bounds and CRS.
+
+    Raises
+    ------
+    InputError
+        The file is missing, empty, damaged, or lacks coordinates.
+    """
+    file = existing_file(path, "the point file")
+    if file.suffix.lower() == ".ply":
+        facts = PointFileFacts(*ply_facts(file))
+    elif file.suffix.lower() == ".parquet":
+        facts = PointFileFacts(*parquet_facts(file))
+    else:
+        facts = _las_facts(file)
+    if facts.n_points == 0:
+        raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
+    if not np.isfinite(facts.bounds).all():
+        raise InputError(f"the point file {file} has bounds that are no numbers; get it again.")
+    return facts
+
+
+def read_chunks(path: str | Path, first: int, n: int) -> Iterator[PointChunk]:
+    """Read points in chunks of at most `CHUNK_POINTS`.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file whose ending is in `CHUNKED_SUFFIXES`.
+    first : int
+        Number of the first point, counted from 0.
+    n : int
+        Number of points to read.
+
+    Yields
+    ------
+    PointChunk
+        Points in the order of the file.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, cut off, or holds coordinates that are no numbers.
+    """
+    file = existing_file(path, "the point file")
+    n_read = 0
+    for chunk in _chunks(file, first, n):
+        if not np.isfinite(chunk.xyz).all():
+            raise InputError(
+                f"the point file {file} holds coordinates that are NaN or infinite; remove those points."
+            )
+        n_read += len(chunk.xyz)
+        yield chunk
+    if n_read != n:
+        raise InputError(
+            f"the point file {file} holds {n_read} points behind point {first}, and {n} were expected; it was cut off."
+        )
+
+
+def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
+    if file.suffix.lower() in (".las", ".laz"):
+        yield from _las_chunks(file, first, n)
+        return
+    columns = ply_chunks if file.suffix.lower() == ".ply" else parquet_chunks
+    for part in columns(file, first, n, CHUNK_POINTS):
+        zero = np.zeros(len(part.xyz), np.uint16)
+        strip = zero if part.strip is None else part.strip
+        yield PointChunk(part.xyz, strip, np.zeros(len(part.xyz), np.uint8))
+
+
+def _las_facts(file: Path) -> PointFileFacts:
+    from survey.io.las import datum_of_header, opened_las  # here: laspy imports a client of the web
+
+    with opened_las(file) as reader:
+        header = reader.header
+        low, high = header.mins, header.maxs
+        bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        crs = header.parse_crs()
+        return PointFileFacts(header.point_count, bounds, crs, datum_of_header(header, crs))
+
+
+def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
+    import laspy
+
+    from survey.io.las import classes_of, opened_las
+
+    wanted = (
+        laspy.DecompressionSelection.FLAGS
+        | laspy.DecompressionSelection.base()
+        | laspy.DecompressionSelection.Z
+    )
+    wanted |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.POINT_SOURCE_ID
+    with opened_las(file, decompression_selection=wanted) as reader:
+        reader.seek(first)
+        left = n
+        while left > 0:
+            points = reader.read_points(min(CHUNK_POINTS, left))
+            if len(points) == 0:
+                return
+            left -= len(points)
+            yield PointChunk(
+                np.column_stack([np.asarray(axis, np.float64) for axis in (points.x, points.y, points.z)]),
+                np.asarray(points.point_source_id, np.uint16),
+                classes_of(points),
+            )

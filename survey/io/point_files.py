@@ -1,0 +1,496 @@
+"""Point files as tables of points: text, vector files, PLY, LAS and LAZ.
+
+`read_point_table` and `write_point_table` choose the format by the file's ending. Numbers that stand for missing ones,
+heights beyond all ground on Earth and damaged files are refused. CSV carries no CRS. LAS and LAZ stand in
+`survey.io.las`, which loads laspy; files beyond the memory are read by `survey.io.point_chunks`.
+"""
+
+import logging
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import plyfile
+import shapely
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray
+from survey.core.crs import UNSTATED, crs_text, vertical_datum_of
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
+from survey.io.arrays_file import checksum, refuse_altered
+from survey.io.column_names import (
+    ColumnNames,
+    axis_of,
+    datum_of_column,
+    metres_factor,
+    one_column,
+    refuse_feet,
+    renamed_header,
+    say_columns,
+    spelled,
+)
+from survey.io.las_header import check_claim
+from survey.io.point_table import (
+    CRC,
+    DATUM,
+    PLACE,
+    PointTable,
+    add_column,
+    check_count,
+    damaged,
+    in_own_columns,
+    place_columns,
+)
+from survey.io.raster.values import HIGHEST_M, LOWEST_M, MARKS, MARKS_IN_METRES
+from survey.io.tables import read_table, write_table
+from survey.io.text_tables import LARGEST_BYTES, TextTable, read_text_table, refuse_hemispheres
+from survey.io.vector import read_features, write_features
+
+_WHAT = "the point file"
+_SIGMA = "sigma_z_m"
+# Columns of a file .xyz, which has no header as a rule.
+_UNNAMED = ("x", "y", "z")
+# A coordinate of 100 km or more with at most four digits, and how many rows are looked at.
+_SHORTENED = re.compile(r"(?<![\d.])\d([.,]\d{1,3})?E\+0*[5-9](?!\d)", re.IGNORECASE)
+_N_LOOKED_AT = 50
+# Digits with separators of thousands, in cells that commas part.
+_SEPARATED = re.compile(rb"\d('|\xe2\x80\x99)\d|\"[+-]?\d{1,3},\d{3}")
+
+
+def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
+    """Read a table of points: commas between numbers, or the export of another program with its usual names.
+
+    `columns` names columns of the file by own name, such as ``{"z_m": "Ellipsoidal height"}``.
+    """
+    file = existing_file(path, _WHAT)
+    _refuse_shortened(file)
+    if path.suffix.lower() == ".xyz":
+        return _read_export(file, columns or {}, _UNNAMED)
+    if not columns and _is_plain(file):
+        numbers = read_table(file, (), what=_WHAT)
+        refuse_feet(list(numbers), f"{_WHAT} {path}")
+        return PointTable(*in_own_columns(numbers, f"{_WHAT} {path}"))
+    return _read_export(file, columns or {})
+
+
+def _refuse_shortened(file: Path) -> None:
+    """Refuse coordinates such as 5.00E+05, as a spreadsheet shows and exports them in narrow columns."""
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        first = [line for line in islice(stream, 1, 1 + _N_LOOKED_AT) if line.strip()]
+    if len(first) > 1 and all(map(_SHORTENED.search, first)):
+        shown = _SHORTENED.search(first[0])
+        assert shown is not None
+        raise InputError(
+            f"{_WHAT} {file} holds coordinates that were shortened in all rows ({shown.group()}); "
+            "export it again with the columns formatted as numbers."
+        )
+
+
+def write_csv(path: Path, table: PointTable) -> None:
+    """Write a CSV table of points."""
+    write_table(path, table.columns)
+
+
+def _is_plain(file: Path) -> bool:
+    """Return whether a table has firnline's own columns, or commas, numbers alone and no standard deviation."""
+    if file.stat().st_size <= LARGEST_BYTES and _SEPARATED.search(file.read_bytes()):
+        return False
+    with file.open(encoding="utf-8-sig", errors="replace") as stream:
+        header, first = stream.readline(), stream.readline()
+    if "\ufffd" in header:  # another encoding
+        return False
+    names = {name.strip() for name in header.split(",")}
+    if set(PLACE) <= names or not first.strip():
+        return True
+    has_sigma = any(spelled(name, "sigma_z") for name in names)
+    return "," in header and not has_sigma and all(map(_is_number, first.split(",")))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = ()) -> PointTable:
+    """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
+    text = read_text_table(file, _WHAT, unnamed)
+    refuse_feet(text.header, text.where)
+    known = dict(zip(text.header, renamed_header(text.header, given, text.where), strict=True))
+    sigma = one_column("sigma_z", list(known.values()), text.where)
+    asked = {*given, sigma}
+    names = {
+        name: own for name, own in known.items() if own in asked or text.is_number(name, 0, axis_of(own))
+    }
+    names = {name: _SIGMA if own == sigma else own for name, own in names.items()}
+    numbers = {own: metres_factor(name) * text.numbers(name, axis_of(own)) for name, own in names.items()}
+    unused = tuple(name for name in text.header if name not in names)
+    say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
+    _refuse_places_of_text(text, known, set(numbers))
+    height = place_columns(list(numbers), text.where).names[2]
+    datum = datum_of_column(next(name for name, own in names.items() if own == height))
+    places, crs = in_own_columns(numbers, text.where)
+    if crs is not None:
+        refuse_hemispheres(text, *(places[name] for name in PLACE[:2]))
+    return PointTable(places, crs, datum)
+
+
+def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: set[str]) -> None:
+    """Refuse coordinates that begin with a text by their line: a unit, or thousands with separators."""
+    try:
+        place_columns(list(numbers), text.where)
+    except InputError:
+        names = place_columns(list(known.values()), text.where).names
+        for name in (name for name, own in known.items() if own in names):
+            text.numbers(name, axis_of(known[name]))
+
+
+VECTOR_ENDINGS = (".gpkg", ".geojson", ".json", ".shp", ".fgb")
+"""Endings of vector files that points are read from."""
+_HEIGHT, _SIGMA_Z = PLACE[2], "sigma_z_m"
+
+Attributes = dict[str, npt.NDArray[Any]]
+
+
+def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
+    """Read points from a vector file; `columns` names attributes by own name, such as ``{"z_m": "Elevation"}``."""
+    features, where = read_features(path, what="the point file"), f"the point file {path}"
+    _refuse_other_shapes(features.geometry, where)
+    attributes = dict(features.attributes)
+    datum = attributes.pop(DATUM, None)
+    names = _used_attributes(attributes, columns or {}, features.geometry, where)
+    xyz = shapely.get_coordinates(features.geometry, include_z=True)
+    found = dict(zip(PLACE, xyz.T, strict=True))
+    found |= {own: metres_factor(name) * _numbers(attributes, name, where) for own, name in names.items()}
+    for name, column in attributes.items():
+        if name not in {*names, *names.values()} and np.issubdtype(column.dtype, np.number):
+            add_column(found, name, column, path)
+    say_columns(where, ColumnNames(names))
+    crs = features.crs
+    stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
+    stated = stated or datum_of_column(names.get(_HEIGHT, ""))
+    return PointTable(found, crs, stated)
+
+
+def write_vector(path: Path, table: PointTable) -> None:
+    """Write points to a GeoPackage or GeoJSON file."""
+    shapes = shapely.points(np.column_stack([table.columns[name] for name in PLACE]))
+    attributes: dict[str, Any] = {n: c for n, c in table.columns.items() if n not in PLACE}
+    if table.vertical_datum:
+        attributes[DATUM] = np.full(len(shapes), table.vertical_datum, dtype=object)
+    write_features(path, shapes, attributes, table.crs, layer="surface_points")
+
+
+def _refuse_other_shapes(geometry: npt.NDArray[Any], where: str) -> None:
+    kinds = {shape.geom_type if shape is not None else "nothing" for shape in geometry}
+    if kinds != {"Point"}:
+        raise InputError(f"{where} holds {', '.join(sorted(kinds))}; single points were expected.")
+
+
+def _used_attributes(
+    attributes: Attributes, given: Mapping[str, str], geometry: npt.NDArray[Any], where: str
+) -> dict[str, str]:
+    """Return the attributes that are read by own name: those that were chosen, and usual ones of heights and their errors."""
+    chosen = next((key for key in given if key not in (_HEIGHT, _SIGMA_Z)), None)
+    if chosen is not None:
+        raise InputError(
+            f"{where} has its places in its geometry, and {chosen} was chosen from the attribute {given[chosen]}; "
+            "choose z and sigma_z alone."
+        )
+    header = list(attributes)
+    renamed_header(header, given, where)
+    found = {
+        _HEIGHT: given.get(_HEIGHT) or _height(attributes, shapely.get_z(geometry), where),
+        _SIGMA_Z: given.get(_SIGMA_Z) or one_column("sigma_z", header, where),
+    }
+    return {own: name for own, name in found.items() if name is not None}
+
+
+def _height(attributes: Attributes, z: FloatArray, where: str) -> str | None:
+    """Return the attribute of heights where the geometry has none, and None where it has them."""
+    if np.isfinite(z).all():
+        _refuse_flat_geometry(z, attributes, where)
+        return None
+    refuse_feet(list(attributes), where)
+    height = one_column("height", list(attributes), where)
+    if height is None:
+        raise InputError(
+            f"{where} holds points without a height; save them as points with z (PointZ), or choose the attribute "
+            "that holds it with --columns z=NAME."
+        )
+    return height
+
+
+def _refuse_flat_geometry(z: FloatArray, attributes: Attributes, where: str) -> None:
+    """Refuse heights of 0 throughout beside an attribute of heights; a GIS writes them where it has none."""
+    if z.any():
+        return
+    height = one_column("height", list(attributes), where)
+    if height is not None and np.any(_numbers(attributes, height, where)):
+        raise InputError(
+            f"{where} has heights of 0 in its geometry and others in the attribute {height}; choose these with "
+            f"--columns z={height}, or remove the attribute."
+        )
+
+
+def _numbers(attributes: Attributes, name: str, where: str) -> FloatArray:
+    """Return an attribute of numbers."""
+    if not np.issubdtype(attributes[name].dtype, np.number):
+        raise InputError(
+            f"{where} has text in the attribute {name}; numbers were expected, convert it in a GIS."
+        )
+    return np.asarray(attributes[name], dtype=np.float64)
+
+
+_PLY_HEAD = 65_536
+_COARSE_M = 0.01
+
+
+def read_ply(path: Path) -> PointTable:
+    """Read a PLY file, and check its checksum where firnline wrote it."""
+    file = existing_file(path, "the point file")
+    _check_ply_claim(file)
+    try:
+        ply = plyfile.PlyData.read(str(file))
+        vertices = ply["vertex"].data
+    except (
+        plyfile.PlyParseError,
+        KeyError,
+        ValueError,
+        MemoryError,
+        OverflowError,
+        TypeError,
+        IndexError,
+    ) as error:
+        raise damaged(file, "PLY", error) from error
+    missing = {"x", "y", "z"} - set(vertices.dtype.names)
+    if missing:
+        raise InputError(
+            f"the point file {file} has vertices without {', '.join(sorted(missing))}; get it again."
+        )
+    columns = dict(zip(PLACE, (vertices[axis].astype(np.float64) for axis in "xyz"), strict=True))
+    _say_rounded(file, vertices)
+    for name in vertices.dtype.names:
+        if name not in "xyz" and np.issubdtype(vertices.dtype[name], np.number):
+            add_column(columns, name, vertices[name], file)
+    stated = dict(comment.split(" ", 1) for comment in ply.comments if " " in comment)
+    if CRC in stated:
+        refuse_altered(file, stated[CRC], [vertices], f"its comment {CRC}")
+    return PointTable(columns, stated.get("crs"), stated.get(DATUM, UNSTATED))
+
+
+def write_ply(path: Path, table: PointTable) -> None:
+    """Write a binary PLY file with a checksum."""
+    names = {**dict(zip(PLACE, "xyz", strict=True))}
+    fields = [(names.get(name, name), "<f8") for name in table.columns]
+    vertices = np.empty(len(table.columns["x_m"]), dtype=fields)
+    for name, column in table.columns.items():
+        vertices[names.get(name, name)] = column
+    crs: CRS = table.crs
+    comments = [f"crs {crs_text(crs)}", f"{CRC} {checksum([vertices])}"]
+    if table.vertical_datum:
+        comments.append(f"{DATUM} {table.vertical_datum}")
+    element = plyfile.PlyElement.describe(vertices, "vertex")
+    with replacing(path) as draft:
+        plyfile.PlyData([element], text=False, byte_order="<", comments=comments).write(str(draft))
+
+
+def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
+    """Log how far coordinates are rounded, where numbers of 32 bits are too short for them."""
+    axes = [vertices[axis] for axis in "xyz" if vertices.dtype[axis] == np.float32]
+    step_m = max((float(np.spacing(np.abs(axis).max(initial=0.0))) for axis in axes), default=0.0)
+    if step_m > _COARSE_M:
+        logging.getLogger(__name__).warning(
+            "the point file %s stores coordinates in 32 bits, which rounds them to %.3g m; export it with properties of the "
+            "type double.",
+            file,
+            step_m,
+        )
+
+
+def _check_ply_claim(file: Path) -> None:
+    """Refuse a header of more rows than the file has bytes."""
+    with file.open("rb") as stream:
+        head = stream.read(_PLY_HEAD).split(b"end_header")[0]
+    for line in head.splitlines():
+        words = line.split()
+        if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
+            check_claim(file, int(words[2]), 1)
+            check_count(file, int(words[2]))
+
+
+# No coordinate, covariance or temperature is larger; what is comes of flipped bits.
+_LARGEST = 1e15
+# Heights beside those of 0 that show these for missing ones, and the least distance between both [m].
+_N_OTHERS, _LEAST_GAP_M = 5, 20.0
+_TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
+TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
+"""Endings of files with one row for each point, whose columns can be chosen."""
+
+
+def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None) -> PointTable:
+    """Read the format that the file's ending names.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    columns : mapping of str to str, optional
+        Column of a table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their names.
+
+    Returns
+    -------
+    PointTable
+        Columns of numbers, with CRS and vertical datum where the file names them.
+
+    Raises
+    ------
+    InputError
+        Another ending; a file that is missing, empty or damaged; a column that is missing
+        or holds something that is no number or stands for a missing one; columns named for a file that is no table.
+    """
+    table = _read(Path(path), columns)
+    for name, column in table.columns.items():
+        if (np.abs(column) > _LARGEST).any():
+            raise InputError(
+                f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
+            )
+    refuse_marks(table, path)
+    return table
+
+
+def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
+    """Read a table with the columns that were named, or a cloud with its own."""
+    suffix = _ending(path, READ_ENDINGS)
+    if suffix in _TEXT_TABLES:
+        return read_csv(path, columns)
+    if suffix in VECTOR_ENDINGS:
+        return read_vector(path, columns)
+    if columns:
+        raise InputError(
+            f"{path} is no table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
+        )
+    return _with_usual_sigma(_CLOUDS[suffix](path), path)
+
+
+def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
+    """Give the standard deviation of heights its own name, where the file has a usual one."""
+    name = one_column("sigma_z", list(table.columns), f"the point file {path}")
+    if name is None or name == _SIGMA:
+        return table
+    columns = {key: column for key, column in table.columns.items() if key != name}
+    say_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
+    return table._replace(columns={**columns, _SIGMA: metres_factor(name) * table.columns[name]})
+
+
+def refuse_marks(table: PointTable, path: str | Path) -> None:
+    """Refuse numbers that stand for a missing one in a column of heights or of sampled values.
+
+    Parameters
+    ----------
+    table : PointTable
+        The points.
+    path : str or pathlib.Path
+        Their file, for the message.
+
+    Raises
+    ------
+    InputError
+        A number such as -9999 or -32768, a height of 9999 m, or heights of 0 far from all others.
+    """
+    _refuse_zeros(table.columns[PLACE[2]], path)
+    _refuse_impossible(table.columns[PLACE[2]], path)
+    for name, column in table.columns.items():
+        marks = () if name in PLACE[:2] else MARKS + (MARKS_IN_METRES if name == PLACE[2] else ())
+        found = next((mark for mark in marks if (column == mark).any()), None)
+        if found is not None:
+            raise InputError(
+                f"the point file {path} holds {found:g} in {name}, first at point {int(np.argmax(column == found)) + 1}, which stands for a missing "
+                "number; remove those rows."
+            )
+
+
+def _refuse_zeros(height_m: FloatArray, path: str | Path) -> None:
+    """Refuse heights of exactly 0 that lie farther from the others than those lie apart."""
+    is_zero = height_m == 0.0
+    others = height_m[~is_zero & np.isfinite(height_m)]
+    if not is_zero.any() or len(others) < max(_N_OTHERS, int(is_zero.sum())):
+        return
+    gap_m = float(np.abs(others).min())
+    if gap_m > max(float(np.ptp(others)), _LEAST_GAP_M):
+        raise InputError(
+            f"the point file {path} holds heights of 0 in {int(is_zero.sum())} rows, first at point {int(np.argmax(is_zero)) + 1}, and all "
+            f"others lie between {others.min():g} and {others.max():g} m; remove those rows, where 0 stands for a missing number."
+        )
+
+
+def _refuse_impossible(height_m: FloatArray, path: str | Path) -> None:
+    """Refuse heights that are all beyond any ground on Earth, as eastings in the column of heights or millimetres are."""
+    known = height_m[np.isfinite(height_m)]
+    if known.size and (known.min() > HIGHEST_M or known.max() < LOWEST_M):
+        raise InputError(
+            f"the point file {path} holds heights between {known.min():g} and {known.max():g} m, beyond all ground on Earth; "
+            "check which column holds the heights, and that they are in metres."
+        )
+
+
+def write_point_table(path: str | Path, table: PointTable) -> None:
+    """Write the format that the file's ending names, or leave what was there; equal tables give equal bytes.
+
+    CSV carries no CRS. LAS and LAZ round coordinates to 0.1 mm; the others are exact.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; its suffix names the format.
+    table : PointTable
+        The points; LAS, PLY and vector formats need a CRS.
+    """
+    WRITERS[_ending(path, WRITERS)](Path(path), table)
+
+
+def _ending(path: str | Path, known: Collection[str]) -> str:
+    """Return the ending of a file, which has to be one of those that are known."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in known:
+        raise InputError(
+            f"{Path(path).name} ends in {suffix!r}; one of {', '.join(sorted(known))} was expected."
+        )
+    return suffix
+
+
+def _read_las(path: Path) -> PointTable:
+    from survey.io.las import read_las  # here: laspy imports a client of the web
+
+    return read_las(path)
+
+
+def _write_las(path: Path, table: PointTable) -> None:
+    from survey.io.las import write_las
+
+    write_las(path, table)
+
+
+_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {
+    ".las": _read_las,
+    ".laz": _read_las,
+    ".ply": read_ply,
+}
+WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
+    ".csv": write_csv,
+    ".gpkg": write_vector,
+    ".geojson": write_vector,
+    ".las": _write_las,
+    ".laz": _write_las,
+    ".ply": write_ply,
+}
+"""Writer for each ending of a point file."""
+READ_ENDINGS = (*TABLES, *_CLOUDS)
+"""Endings of point files that are read."""

@@ -1,0 +1,265 @@
+"""Tables of points: names of the coordinate columns, and checks common to all formats.
+
+A `PointTable` has the columns ``x_m``, ``y_m`` and ``z_m``, others of equal length, and the CRS and vertical datum where
+the file names them. Coordinates under names that other programs write are found by families of columns: own names,
+easting and northing, then longitude and latitude.
+"""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.crs import UNSTATED
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import first_line
+from survey.io.column_names import SPELLINGS, normalized, without_metres
+
+PLACE = ("x_m", "y_m", "z_m")
+WGS84 = CRS.from_epsg(4326)
+
+
+class _Family(NamedTuple):
+    """Names of the horizontal columns, and the name of a height that belongs to them."""
+
+    first: tuple[str, ...]
+    second: tuple[str, ...]
+    height: str
+    is_geographic: bool = False
+
+
+# Metres before degrees: a table that has both is read in metres.
+_FAMILIES = (
+    _Family(SPELLINGS["x"], SPELLINGS["y"], "z"),
+    _Family(SPELLINGS["easting"], SPELLINGS["northing"], "h"),
+    _Family(SPELLINGS["longitude"], SPELLINGS["latitude"], "height", is_geographic=True),
+)
+
+
+class PlaceColumns(NamedTuple):
+    """Names of the columns of easting (or longitude), northing (or latitude) and height in a table."""
+
+    names: tuple[str, str, str]
+    is_geographic: bool
+
+
+def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
+    """Return the columns that hold the place of each point; case and marks between words do not matter.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of all columns.
+    where : str
+        Name of the file, for the message.
+
+    Returns
+    -------
+    PlaceColumns
+        Own names (``x_m``, ``y_m``, ``z_m``) first, then ``x, y, z``, ``easting, northing, elevation``,
+        ``E, N, H``, and in degrees ``lon, lat, height`` or ``longitude, latitude, elevation``; `SPELLINGS` lists
+        all names.
+
+    Raises
+    ------
+    InputError
+        No such columns, or several that could be meant.
+
+    Examples
+    --------
+    >>> place_columns(["id", "E", "N", "H"], "points.csv")
+    PlaceColumns(names=('E', 'N', 'H'), is_geographic=False)
+    >>> place_columns(["lon", "lat", "height"], "points.csv").is_geographic
+    True
+    """
+    if all(name in header for name in PLACE):
+        return PlaceColumns(PLACE, is_geographic=False)
+    found = {normalized(name): name for name in header}
+    if len(found) < len(header):
+        raise InputError(
+            f"{where} has columns whose names differ in the case of letters or in marks alone; rename or remove them."
+        )
+    for plain, name in list(found.items()):
+        found.setdefault(without_metres(plain), name)
+    families = [f for f in _FAMILIES if _named(f.first, found) and _named(f.second, found)]
+    metric = [family for family in families if not family.is_geographic]
+    chosen = (metric or families)[:1]
+    if not chosen or len(metric) > 1:
+        raise InputError(
+            f"{where} has {'several' if chosen else 'no'} columns of places (found {', '.join(header) or 'nothing'}); "
+            "name them x_m, y_m, z_m or x, y, z or easting, northing, elevation or lon, lat, height."
+        )
+    family = chosen[0]
+    first, second = _one(family.first, found, where), _one(family.second, found, where)
+    return PlaceColumns((first, second, _height(family, found, where)), family.is_geographic)
+
+
+def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str, FloatArray], CRS | None]:
+    """Rename the columns of the place to ``x_m``, ``y_m`` and ``z_m``, first in the table.
+
+    Returns
+    -------
+    columns : dict of str to (N,) ndarray
+        Places in metres, or longitude and latitude in degrees.
+    crs : pyproj.CRS or None
+        WGS 84 for degrees; None where the table does not name its CRS.
+
+    Raises
+    ------
+    InputError
+        As `place_columns` does, and for degrees that are out of range.
+    """
+    names, is_geographic = place_columns(list(columns), where)
+    places = {own: columns[name] for own, name in zip(PLACE, names, strict=True)}
+    others = {name: column for name, column in columns.items() if name not in names}
+    if not is_geographic:
+        return {**places, **others}, None
+    for name, limit in (("x_m", 360.0), ("y_m", 90.0)):
+        largest = float(np.abs(places[name]).max())
+        if largest > limit:
+            source = names[PLACE.index(name)]
+            raise InputError(
+                f"{where} holds {largest:g} in the column {source}, which is no angle in degrees; "
+                "rename the columns to easting and northing if they are metres."
+            )
+    return {**places, **others}, WGS84
+
+
+def say_projected(where: str, crs: CRS) -> None:
+    """Log in one sentence that degrees were projected."""
+    logging.getLogger(__name__).warning(
+        "%s is in degrees (WGS 84); its points are projected to %s.", where, crs.name
+    )
+
+
+def _named(names: tuple[str, ...], found: dict[str, str]) -> bool:
+    return any(name in found for name in names)
+
+
+def _present(names: tuple[str, ...], found: dict[str, str]) -> list[str]:
+    """Return the columns that have one of several names, each once."""
+    return list(dict.fromkeys(found[name] for name in names if name in found))
+
+
+def _one(names: tuple[str, ...], found: dict[str, str], where: str) -> str:
+    """Return the only one of several names that a table has."""
+    present = _present(names, found)
+    if len(present) > 1:
+        raise InputError(
+            f"{where} has the columns {' and '.join(present)}, which mean the same; remove one of them."
+        )
+    return present[0]
+
+
+def _height(family: _Family, found: dict[str, str], where: str) -> str:
+    """Return the column of heights: the only one, or the one that belongs to the horizontal columns."""
+    present = _present(SPELLINGS["height"], found)
+    if len(present) == 1 or PLACE[2] in found:
+        return present[0]
+    if family.height in found:
+        return found[family.height]
+    if not present:
+        raise InputError(
+            f"{where} has no column of heights (found {', '.join(dict.fromkeys(found.values()))}); name it z_m, z, elevation or height."
+        )
+    raise InputError(
+        f"{where} has the columns {' and '.join(present)}, and either could be the height; name the one that is meant z_m, or choose it with --columns z=NAME where the command has that option."
+    )
+
+
+LARGEST_POINTS = 30_000_000
+"""Most points that are read at once: some 3 GB from LAS with its attributes."""
+DATUM = "vertical_datum"
+CRC = "crc32"
+# Coordinates that stand in a file twice may be rounded once.
+_SAME_PLACE_M = 0.01
+
+
+class PointTable(NamedTuple):
+    """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them.
+
+    ``is_ground`` (N,) is true for points of the ground, by their classes; None where all are of the ground.
+    """
+
+    columns: dict[str, FloatArray]
+    crs: Any = None
+    vertical_datum: str = UNSTATED
+    is_ground: BoolArray | None = None
+
+
+def ground_of(table: PointTable, where: str) -> PointTable:
+    """Return the points of the ground alone, and log how many others are left out."""
+    if table.is_ground is None:
+        return table
+    kept = table.is_ground
+    if not kept.any():
+        raise InputError(f"{where} holds noise and withheld points alone; no ground can be mapped from it.")
+    logging.getLogger(__name__).warning(
+        "%s: %d of %d points are used: those of the ground (class 2), or where it is not classified all but noise "
+        "(classes 7 and 18) and withheld ones.",
+        where,
+        int(kept.sum()),
+        len(kept),
+    )
+    columns = {name: column[kept] for name, column in table.columns.items()}
+    return table._replace(columns=columns, is_ground=None)
+
+
+def once_each(table: PointTable, where: str) -> PointTable:
+    """Return a table in which rows that repeat another in every column count once, and log how many are left out.
+
+    A point that is stored twice is one measurement: as two it would halve the variance that the map states there.
+    """
+    x, y, z = (table.columns[name] for name in PLACE)
+    order = np.lexsort((z, y, x))
+    repeats = np.zeros(len(order), dtype=np.bool_)
+    repeats[1:] = np.logical_and.reduce(
+        [_equal_neighbours(np.asarray(column)[order]) for column in table.columns.values()]
+    )
+    if not repeats.any():
+        return table
+    logging.getLogger(__name__).warning(
+        "%s: %d of %d points repeat another one exactly and are left out.",
+        where,
+        int(repeats.sum()),
+        len(order),
+    )
+    kept = np.sort(order[~repeats])
+    columns = {name: column[kept] for name, column in table.columns.items()}
+    return table._replace(
+        columns=columns, is_ground=None if table.is_ground is None else table.is_ground[kept]
+    )
+
+
+def _equal_neighbours(column: FloatArray) -> BoolArray:
+    """Return whether each value but the first equals the one before; NaN equals NaN."""
+    equal: BoolArray = (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
+    return equal
+
+
+def add_column(columns: dict[str, FloatArray], name: str, values: Any, path: Path) -> None:
+    """Add a column; one that is named like a coordinate and says something else is refused."""
+    numbers: FloatArray = np.asarray(values).astype(np.float64)
+    if name not in columns:
+        columns[name] = numbers
+    elif not np.allclose(numbers, columns[name], rtol=0.0, atol=_SAME_PLACE_M):
+        raise InputError(
+            f"the point file {path} has a column {name} that differs from the points' own coordinates; rename or remove it."
+        )
+
+
+def check_count(file: Path, n_points: int) -> None:
+    """Refuse a file of more points than can be read at once."""
+    if n_points > LARGEST_POINTS:
+        raise CapacityError(
+            f"the point file {file} has {n_points:,} points; {LARGEST_POINTS:,} can be read at once, cut it into tiles or thin it."
+        )
+
+
+def damaged(file: Path, kind: str, error: BaseException) -> InputError:
+    """Return the refusal of a file that a library could not read."""
+    return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")

@@ -1,1 +1,0 @@
-"""Text tables of other programs: separators, decimal commas, and usual names of columns."""

@@ -1,1 +1,0 @@
-"""Progress of Gaussian-process maps, and their expected time."""

@@ -1,4 +1,0 @@
-"""Kernel selection and hyperparameters by marginal likelihood.
-
-The kernels themselves live in `survey.reconstruction.gp.covariance`.
-"""

@@ -1,1 +1,0 @@
-"""Hazards of a rover read from a map and its covariance; begin with `slope_hazard`."""

@@ -1,1 +1,0 @@
-"""Kernels of the joint map: residuals that they are fitted to, and their choice."""

@@ -1,1 +1,0 @@
-"""Errors that the points of a strip share: differences in overlaps, control points, least squares."""

@@ -1,0 +1,424 @@
+"""Accuracy reports of a map: at checkpoints, with the statements of the standards, and against a reference raster.
+
+`checkpoint_report` and `reference_report` return documents; `survey.reporting.document` writes them. The report
+of a change between two surveys (`survey.reporting.change`) shares their sections on inputs, methods and
+standards.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.figures.errors import (
+    error_map,
+    height_error,
+    residual_histogram,
+    residual_map,
+    residual_quantiles,
+)
+from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
+from survey.reporting.document import Chapter, Document, DrawnFigure, Statement, Table
+from survey.reporting.quantities import number, percent
+from survey.reporting.statements import statement, template
+from survey.scoring.accuracy import ErrorStatistics
+from survey.scoring.class_scores import ClassScore
+from survey.scoring.scores import Score
+from survey.scoring.standards.assessment import Assessment, CheckpointScore
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors
+
+NSSDA = "FGDC (1998): Geospatial Positioning Accuracy Standards, Part 3: National Standard for Spatial Data Accuracy. FGDC-STD-007.3-1998."
+ASPRS_2014 = "ASPRS (2014): Positional Accuracy Standards for Digital Geospatial Data, Edition 1, Version 1.0. Photogrammetric Engineering & Remote Sensing 81(3), A1–A26."
+ASPRS_EDITION_2 = (
+    "ASPRS (2024): Positional Accuracy Standards for Digital Geospatial Data, Edition 2, Version 2."
+)
+ASPRS_1990 = "ASPRS (1990): Accuracy Standards for Large-Scale Maps."
+NMAS = "US Bureau of the Budget (1947): United States National Map Accuracy Standards."
+HOEHLE = "Höhle, J., Höhle, M. (2009): Accuracy assessment of digital elevation models by means of robust statistical methods. ISPRS Journal of Photogrammetry and Remote Sensing 64(4), 398–406. doi:10.1016/j.isprsjprs.2009.02.003 (median, NMAD, quantiles)."
+ROLSTAD = "Rolstad, C., Haug, T., Denby, B. (2009): Spatially integrated geodetic glacier mass balance and its uncertainty based on geostatistical analysis. Journal of Glaciology 55(192), 666–680 (errors of averages with correlated errors)."
+HUSS = "Huss, M. (2013): Density assumptions for converting geodetic glacier volume change to mass change. The Cryosphere 7, 877–887."
+NUTH = "Nuth, C., Kääb, A. (2011): Co-registration and bias corrections of satellite elevation data sets for quantifying glacier thickness change. The Cryosphere 5, 271–290."
+
+BY_STANDARD = {
+    "nssda-1998": NSSDA,
+    "asprs-2014": ASPRS_2014,
+    "asprs-edition-2": ASPRS_EDITION_2,
+    "asprs-1990-spot-heights": ASPRS_1990,
+    "asprs-1990-contours": ASPRS_1990,
+    "nmas-1947": NMAS,
+}
+"""Citation of each standard that judges checkpoints."""
+
+
+@dataclass(frozen=True)
+class ReportSetting:
+    """Names and settings that a report states.
+
+    Parameters
+    ----------
+    title : str
+        Name of the map or survey.
+    date : str
+        Date of the report.
+    inputs : dict of str to str
+        What was compared: name of each role with its file.
+    language : str
+        Language of the statements beside English.
+    """
+
+    title: str
+    date: str
+    inputs: dict[str, str] = field(default_factory=dict)
+    language: str = "en"
+
+    @property
+    def subtitle(self) -> str:
+        """Date and program."""
+        return f"{self.date}, made with firnline"
+
+    @property
+    def signature(self) -> tuple[str, ...]:
+        """Labels of the lines to sign on, in English and in the language of the statement."""
+        labels = ("tested_by", "licence", "date", "signature")
+        english, local = template("en")["words"], template(self.language)["words"]
+        if self.language == "en":
+            return tuple(english[label] for label in labels)
+        return tuple(f"{english[label]} / {local[label]}" for label in labels)
+
+
+def facts_table(name: str, caption: str, facts: dict[str, str]) -> Table:
+    """Return a table of names and values."""
+    return Table(name, caption, ("Quantity", "Value"), tuple(facts.items()), n_text_columns=2)
+
+
+def statistics_facts(statistics: ErrorStatistics) -> dict[str, str]:
+    """Return error statistics as text."""
+    return {
+        "Number": f"{statistics.n:,}".replace(",", "\u202f"),
+        "RMSE": number(statistics.rmse_m, "m"),
+        "Mean error (bias)": number(statistics.bias_m, "m"),
+        "Standard deviation": number(statistics.std_m, "m"),
+        "Median": number(statistics.median_m, "m"),
+        "NMAD": number(statistics.nmad_m, "m"),
+        "95th percentile of |error|": number(statistics.p95_m, "m"),
+        "Largest |error|": number(statistics.worst_m, "m"),
+        "Skewness": number(statistics.skewness, decimals=2),
+        "Excess kurtosis": number(statistics.kurtosis, decimals=2),
+    }
+
+
+def distribution_figures(errors: FloatArray, statistics: ErrorStatistics) -> tuple[DrawnFigure, DrawnFigure]:
+    """Return histogram and normal quantiles of the errors."""
+    return (
+        DrawnFigure(
+            "histogram",
+            residual_histogram(errors, statistics),
+            "Histogram of the residuals with mean and RMSE",
+            "Distribution of the residuals, map minus reference.",
+        ),
+        DrawnFigure(
+            "quantiles",
+            residual_quantiles(errors, statistics),
+            "Residuals against quantiles of the normal distribution",
+            "Residuals against normal quantiles: on the line they are normal, beyond it the tails are heavier.",
+        ),
+    )
+
+
+def class_table(name: str, rows: Sequence[ClassScore]) -> Table:
+    """Return the table of error statistics by class."""
+    headings = ("Class", "n", "RMSE [m]", "NMAD [m]", "Bias [m]", "Within 1.96 σ")
+    cells = tuple(
+        (
+            row.name,
+            str(row.n),
+            number(row.rmse_m),
+            number(row.nmad_m),
+            number(row.bias_m),
+            percent(row.coverage_95),
+        )
+        for row in rows
+    )
+    return Table(f"by_{name}", f"Errors by class: {name.replace('_', ' ')}", headings, cells)
+
+
+def methods_section(cited: Sequence[str]) -> Chapter:
+    """Return the section of citations, each once."""
+    return Chapter("Methods and standards cited", paragraphs=tuple(dict.fromkeys(cited)))
+
+
+_ADVISED_SHARE, _ADVISED_SPACING = 0.20, 0.10
+
+
+def checkpoint_report(
+    setting: ReportSetting,
+    dem: Dem,
+    errors: CheckpointErrors,
+    score: CheckpointScore,
+    *,
+    area: SurveyArea | None = None,
+    classes: dict[str, tuple[ClassScore, ...]] | None = None,
+) -> Document:
+    """Compose the accuracy report of a map at checkpoints.
+
+    Parameters
+    ----------
+    setting : ReportSetting
+        Title, date, names of the inputs, language.
+    dem : Dem
+        The map.
+    errors : CheckpointErrors
+        From `compare`.
+    score : CheckpointScore
+        From `score_at`, of the same errors.
+    area : SurveyArea, optional
+        The area that was judged.
+    classes : dict of str to tuple of ClassScore, optional
+        Error statistics by class, by the name of the classification.
+
+    Returns
+    -------
+    Document
+        Statements, statistics, residual table, figures, distribution of the points, citations, signature.
+    """
+    figures = (
+        DrawnFigure(
+            "residual_map",
+            residual_map(errors, dem, area),
+            "Map of the residuals at the checkpoints",
+            "Residuals over the relief of the map; red: the map lies too high, blue: too low.",
+        ),
+        *distribution_figures(errors.errors_m, score.elevation),
+    )
+    grouped = tuple(class_table(name, rows) for name, rows in (classes or {}).items())
+    sections = [
+        Chapter("Accuracy statement", _statements(score, setting.language), _notes(score)),
+        Chapter("What was compared", tables=(_checkpoint_inputs(setting, dem, errors),)),
+        Chapter("Error statistics", tables=(_statistics(score),), figures=figures),
+        *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
+        Chapter("Distribution of the checkpoints", paragraphs=_spread(errors)),
+        Chapter("Residuals", tables=(_residuals(errors), *_shifts(errors))),
+        methods_section([*(BY_STANDARD[it.standard] for it in score.assessments), HOEHLE]),
+    ]
+    return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)
+
+
+def _statements(score: CheckpointScore, language: str) -> tuple[Statement, ...]:
+    """Return each statement in English and, where another language was chosen, in that one."""
+    found = [(statement(it), it) for it in _stated(score.assessments)]
+    quoted = [Statement(text) for text, _ in found]
+    if language != "en":
+        note = template(language)["words"]["translation"]
+        quoted += [Statement(statement(it, language), language, note) for _, it in found]
+    return tuple(quoted)
+
+
+def _stated(assessments: tuple[Assessment, ...]) -> list[Assessment]:
+    """Leave out the looser classes of ASPRS 1990 where a tighter one of the same interval is met."""
+    stated, met = [], set()
+    for it in assessments:
+        interval = (it.standard, it.map_class.partition(", ")[2])
+        if interval in met:
+            continue
+        stated.append(it)
+        if it.standard.startswith("asprs-1990") and it.outcome == "met":
+            met.add(interval)
+    return stated
+
+
+def _notes(score: CheckpointScore) -> tuple[str, ...]:
+    """Return what the statements rest on: edition, number of points, cautions."""
+    bases = [
+        f"{it.edition}: {it.outcome}; {it.n} checkpoints, accurate to {it.checkpoint_rmse_m:.3g} m."
+        for it in score.assessments
+    ]
+    cautions = [f"Note: {caution}." for it in score.assessments for caution in it.cautions]
+    is_tested = any(it.kind == "horizontal" for it in score.assessments)
+    untested = [] if is_tested else [template("en")["own"]["horizontal"]]
+    return tuple(dict.fromkeys([*bases, *untested, *cautions]))
+
+
+def _checkpoint_inputs(setting: ReportSetting, dem: Dem, errors: CheckpointErrors) -> Table:
+    east, north, high, top = dem.bounds
+    facts = {
+        **setting.inputs,
+        "Coordinates": dem.crs.name,
+        "Heights above": dem.vertical_datum or "an unstated datum",
+        "Cells of the map": f"{dem.step_m:g} m, {dem.shape[1]} × {dem.shape[0]}",
+        "Bounds of the map": f"E {east:.1f} to {high:.1f}, N {north:.1f} to {top:.1f} m",
+        "Checkpoints used": str(len(errors.errors_m)),
+        "Accuracy of the checkpoints": f"{errors.checkpoint_rmse_m:.3f} m (root mean square of their σ)",
+        "Without a height in the map": ", ".join(errors.left_out) or "none",
+        "Outside the area": str(errors.n_outside),
+        "Area covered by the map": percent(errors.covered_share),
+    }
+    return facts_table("inputs", "Map and checkpoints", facts)
+
+
+def _statistics(score: CheckpointScore) -> Table:
+    interval = score.interval
+    facts = statistics_facts(score.elevation)
+    facts["95 % interval of the RMSE"] = (
+        f"{interval.low_m:.3f} to {interval.high_m:.3f} m ({interval.method})"
+    )
+    return facts_table("statistics", "Errors, map minus checkpoint", facts)
+
+
+def _spread(errors: CheckpointErrors) -> tuple[str, ...]:
+    spread = errors.spread
+    quarters = ("south-west", "south-east", "north-west", "north-east")
+    shares = ", ".join(
+        f"{name} {share:.0%}" for name, share in zip(quarters, spread.quadrant_shares, strict=True)
+    )
+    is_even = min(spread.quadrant_shares) >= _ADVISED_SHARE and spread.spacing_share >= _ADVISED_SPACING
+    return (
+        f"Shares of the checkpoints in the quarters of the area: {shares}. Least distance between two of them: "
+        f"{spread.spacing_share:.1%} of the diagonal.",
+        f"Guidance (NSSDA, appendix 3-C): at least {_ADVISED_SHARE:.0%} in each quarter and {_ADVISED_SPACING:.0%} of the "
+        f"diagonal between any two; these points {'follow' if is_even else 'do not follow'} it. It is no condition of a statement.",
+    )  # fmt: skip
+
+
+def _residuals(errors: CheckpointErrors) -> Table:
+    """Return one row for each checkpoint, the largest residuals marked."""
+    headings = ("Checkpoint", "Ground", "Easting [m]", "Northing [m]", "Height [m]", "σ [m]", "Map [m]", "Residual [m]")  # fmt: skip
+    xyz = np.full((len(errors.names), 3), np.nan) if errors.xyz is None else errors.xyz
+    rows = tuple(
+        (
+            name,
+            "vegetated" if vegetated else "open",
+            f"{x:.2f}",
+            f"{y:.2f}",
+            f"{z:.3f}",
+            f"{sigma:.3f}",
+            f"{z + error:.3f}",
+            number(round(error, 3) + 0.0),
+        )
+        for name, vegetated, (x, y, z), sigma, error in zip(
+            errors.names, errors.vegetated, xyz, errors.sigma_z_m, errors.errors_m, strict=True
+        )
+    )
+    return Table("residuals", "Residual at each checkpoint, map minus checkpoint", headings, rows, 2)
+
+
+def _shifts(errors: CheckpointErrors) -> tuple[Table, ...]:
+    """Return a table of the horizontal residuals of checkpoints that were found in the map; none without them."""
+    placed = errors.placed
+    if placed is None or placed.shift_m is None or placed.sigma_xy_m is None:
+        return ()
+    headings = ("Checkpoint", "East [m]", "North [m]", "Distance [m]", "σ [m]")
+    rows = tuple(
+        (name, number(east), number(north), number(float(np.hypot(east, north))), number(sigma))
+        for name, (east, north), sigma in zip(
+            placed.names, placed.shift_m.round(3) + 0.0, placed.sigma_xy_m, strict=True
+        )
+    )
+    return (Table("shifts", "Horizontal residual at each checkpoint, map minus checkpoint", headings, rows),)
+
+
+def reference_report(
+    setting: ReportSetting,
+    map_: Dem | Reconstruction,
+    truth: Dem,
+    score: Score,
+    *,
+    area: SurveyArea | None = None,
+    classes: dict[str, tuple[ClassScore, ...]] | None = None,
+) -> Document:
+    """Compose the accuracy report of a map against a reference raster.
+
+    It holds no statement of a standard: those rest on independent checkpoints.
+
+    Parameters
+    ----------
+    setting : ReportSetting
+        Title, date, names of the inputs.
+    map_ : Dem or Reconstruction
+        The map.
+    truth : Dem
+        The reference.
+    score : Score
+        Of the same two.
+    area : SurveyArea, optional
+        The area that was judged.
+    classes : dict of str to tuple of ClassScore, optional
+        Error statistics by class, by the name of the classification.
+
+    Returns
+    -------
+    Document
+        Statistics, classes of the RMSE, figures and citations.
+    """
+    surveyed = map_ if isinstance(map_, Reconstruction) else _without_claim(map_)
+    error = height_error(surveyed, truth, area)
+    known = error[np.isfinite(error)]
+    figures = (
+        DrawnFigure(
+            "error_map",
+            error_map(surveyed, truth, area=area),
+            "Map of the error",
+            "Red: the map lies too high, blue: too low. The limits hold 99 % of the errors.",
+        ),
+        *distribution_figures(known, score.elevation),
+    )
+    grouped = tuple(class_table(name, rows) for name, rows in (classes or {}).items())
+    sections = [
+        Chapter("What was compared", tables=(_reference_inputs(setting, surveyed.mean, score),)),
+        Chapter(
+            "Error statistics", tables=(facts_table("statistics", "Errors, map minus reference", _reference_facts(score)),)
+        ),
+        Chapter("Figures", figures=figures),
+        *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
+        Chapter("Classes of the RMSE", paragraphs=(_NO_STATEMENT, score.verdicts[0].note), tables=(_classes(score),)),
+        methods_section([HOEHLE]),
+    ]  # fmt: skip
+    return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)
+
+
+_NO_STATEMENT = (
+    "A raster is no set of independent checkpoints, so no statement of a standard is made; neighbouring nodes err alike. "
+    "Name checkpoints with --checkpoints for a statement."
+)
+
+
+def _without_claim(dem: Dem) -> Reconstruction:
+    """Return a map that states no standard deviation, as the figures of errors take it."""
+    unknown = Dem(np.full(dem.shape, np.nan), dem.transform, dem.crs, dem.vertical_datum)
+    return Reconstruction(dem, unknown, np.full(dem.shape, INTERPOLATED), "outside", {})
+
+
+def _reference_inputs(setting: ReportSetting, dem: Dem, score: Score) -> Table:
+    facts = {
+        **setting.inputs,
+        "Coordinates": dem.crs.name,
+        "Heights above": dem.vertical_datum or "an unstated datum",
+        "Cells of the map": f"{dem.step_m:g} m, {dem.shape[1]} × {dem.shape[0]}",
+        "Area covered by the map": percent(score.covered_share),
+    }
+    return facts_table("inputs", "Map and reference", facts)
+
+
+def _reference_facts(score: Score) -> dict[str, str]:
+    facts = statistics_facts(score.elevation)
+    if score.calibration.n:
+        facts["Errors within 1.96 σ"] = f"{percent(score.calibration.coverage_95)} (95 % where σ is right)"
+        facts["RMS of error / σ"] = number(score.calibration.z_rms, decimals=2)
+    return facts
+
+
+def _classes(score: Score) -> Table:
+    rows = tuple(
+        (
+            it.map_class,
+            "met" if it.met else "not met",
+            f"{it.interval_m:.4f}",
+            f"{it.limit_m:.4f}",
+            number(it.rmse_m),
+        )
+        for it in score.verdicts
+    )
+    headings = ("Class", "Verdict", "Contour interval [m]", "Limit [m]", "RMSE [m]")
+    return Table("classes", f"RMSE of the surface beside {score.verdicts[0].standard}", headings, rows, 2)

@@ -1,0 +1,320 @@
+"""Elevation change between two surveys: difference, significance, volume and mass with errors.
+
+`change` subtracts two surfaces on the grid of the coarser one, after coregistration where asked for, and
+estimates the errors from the variogram of the difference on unchanged ground. `change_of_models` subtracts two
+fitted terrain models and takes the errors from their joint posteriors; it needs no unchanged ground. Both
+integrate the difference over outlines.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from survey.core.arguments import check_types
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.crs import same_crs, same_vertical_datum
+from survey.core.errors import InputError
+from survey.core.map_scale import areal_factors
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
+from survey.scoring.change.along_flow import Thickness, change_along_flow
+from survey.scoring.change.coregistration import Shift, coregister
+from survey.scoring.change.displacements import DisplacementField
+from survey.scoring.change.variogram import LARGEST_CELLS, Variogram
+from survey.scoring.change.volume_change import (
+    BLUNDER,
+    SIGNIFICANT,
+    Change,
+    ChangeErrors,
+    ComparedGround,
+    Outlines,
+    OutlineVolumes,
+    VolumeChange,
+    coverage_notes,
+    datum_notes,
+    ground_step_m,
+    scale_notes,
+    significance,
+    without_blunders,
+)
+
+ElevationSurface = Dem | Reconstruction
+# Independent surveys agree to the last digit on few cells only.
+_MOST_EQUAL = 0.5
+# Geoids and ellipsoids, or feet and metres, differ by more.
+_LARGEST_OFFSET_M = 10.0
+
+
+@check_types
+def change(
+    later: ElevationSurface,
+    earlier: ElevationSurface,
+    outlines: Outlines,
+    *,
+    stable: Polygon | MultiPolygon | None = None,
+    align: bool = False,
+    level: bool = True,
+    flow: DisplacementField | None = None,
+    thickness: Thickness | None = None,
+) -> Change:
+    """Compute the elevation change between two surfaces, with errors estimated on unchanged ground.
+
+    Parameters
+    ----------
+    later, earlier : Dem or Reconstruction
+        In one CRS and above one datum; compared at the cells of the coarser one. Where both state
+        standard deviations, the errors are assumed to vary with them.
+    outlines : mapping of str to polygon
+        Ground that may have changed, by name, in the surveys' CRS [m].
+    stable : polygon, optional
+        Ground that did not change; by default all that both surveys map outside the outlines.
+    align : bool
+        First shift the earlier surface onto the later one, by their unchanged ground.
+    level : bool
+        Subtract the mean difference of the unchanged ground; its own error is counted.
+    flow : DisplacementField, optional
+        Displacement of the ice between the surveys: adds the change along the flow and the divergence of the flux.
+    thickness : Thickness, optional
+        Of the ice, for that divergence; from the slope of the surface, within a factor of two, where left out.
+
+    Returns
+    -------
+    Change
+        Areas, volumes and correlation lengths count on the ground: the areal scale factor of the CRS is
+        applied cell by cell. The raster of the difference stays in the CRS.
+
+    Raises
+    ------
+    InputError
+        Mixed systems or datums, fewer than 100 cells of unchanged ground, an outline less than half of
+        which is mapped by both, or rasters beyond 16 million cells (cut or average them first).
+
+    Notes
+    -----
+    Errors on the outlines are assumed to be like those on the unchanged ground: errors from snow without
+    contrast and from radar penetration are not included. An error that is correlated over more than half
+    the unchanged ground cannot be seen.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> rng = np.random.default_rng(3)
+    >>> grid = Grid((0.0, 0.0, 390.0, 390.0), 10.0)
+    >>> before = Dem.on(grid, rng.normal(0.0, 0.2, grid.shape))
+    >>> after = Dem.on(grid, np.where(np.hypot(grid.x - 200, grid.y[:, None] - 200) < 100.0, -3.0, 0.0))
+    >>> found = change(after, before, {"ice": shapely.Point(200.0, 200.0).buffer(100.0)}).volumes[0]
+    >>> bool(abs(found.mean_m + 3.0) < 0.05), bool(found.naive_std_m3 > 0.0)
+    (True, True)
+    """
+    new, old = _dem(later), _dem(earlier)
+    same_crs(new.crs, old.crs, "the two surveys")
+    same_vertical_datum(new.vertical_datum, old.vertical_datum, "the two surveys")
+    grid = _common_grid(new, old)
+    ground = ComparedGround.of(grid, outlines, stable)
+    shift = coregister(old, new, ground.stable_on(new)) if align else None
+    heights = new.at(grid.xy), old.at(grid.xy) if shift is None else shift.applied(grid.xy, old)
+    difference = (heights[0] - heights[1]).reshape(grid.shape)
+    compared = Dem.on(grid, difference, new.vertical_datum)
+    found = _change(compared, _relative_std(later, earlier, grid), ground, is_levelled=level, shift=shift)
+    if flow is None:
+        return found
+    return replace(found, along_flow=change_along_flow(found, new, outlines, flow, thickness))
+
+
+def _change(
+    difference: Dem,
+    relative: FloatArray,
+    ground: ComparedGround,
+    *,
+    is_levelled: bool,
+    shift: Shift | None,
+) -> Change:
+    """Estimate the errors on the unchanged ground, and integrate over the outlines."""
+    heights = difference.elevation
+    known = np.isfinite(heights) & np.isfinite(relative)
+    unchanged = without_blunders(heights / relative, known & ground.stable)
+    offset = _mean(heights, 1.0 / relative**2, unchanged) if is_levelled else 0.0
+    levelled = Dem.on(ground.grid, heights - offset, difference.vertical_datum)
+    scaled = np.where(unchanged, levelled.elevation / relative, 0.0)
+    variogram = Variogram.of(scaled, unchanged, ground_step_m(levelled))
+    std = np.where(known, np.sqrt(variogram.variance_m2) * relative, np.nan)
+    volumes = OutlineVolumes(levelled, ChangeErrors(relative, known, unchanged, variogram, is_levelled))
+    n_blunders = int((known & ground.stable).sum() - unchanged.sum())
+    changes = tuple(
+        volumes.over(name, shape, inside)
+        for (name, shape), inside in zip(ground.outlines.items(), ground.inside, strict=True)
+    )
+    return Change(
+        levelled,
+        std,
+        significance(levelled.elevation, std),
+        changes,
+        "variogram",
+        offset,
+        int(unchanged.sum()),
+        shift,
+        variogram,
+        (
+            *datum_notes(levelled.vertical_datum),
+            *_copy_notes(heights[known & ground.stable]),
+            *_offset_notes(offset),
+            *_error_notes(n_blunders, is_levelled=is_levelled),
+            *scale_notes(levelled),
+            *coverage_notes(changes),
+        ),
+    )
+
+
+def _common_grid(new: Dem, old: Dem) -> Grid:
+    """Return the grid of the coarser survey; refuses one that is too large."""
+    grid = (new if new.step_m >= old.step_m else old).grid()
+    if np.prod(grid.shape) > LARGEST_CELLS:
+        raise InputError(
+            f"the surveys have {np.prod(grid.shape):,} cells; change is computed for {LARGEST_CELLS:,} at most, cut or average them first."
+        )
+    return grid
+
+
+def _dem(surface: ElevationSurface) -> Dem:
+    if isinstance(surface, Dem):
+        return surface
+    if surface.quantity != ELEVATION:
+        raise InputError(f"a survey maps {surface.quantity}; change is computed of {ELEVATION}.")
+    return surface.mean
+
+
+def _relative_std(later: ElevationSurface, earlier: ElevationSurface, grid: Grid) -> FloatArray:
+    """Return the stated deviations of the difference relative to their mean; 1 where a survey states none."""
+    if isinstance(later, Dem) or isinstance(earlier, Dem):
+        return np.ones(grid.shape)
+    std = np.hypot(later.std.at(grid.xy), earlier.std.at(grid.xy)).reshape(grid.shape)
+    if not (std[np.isfinite(std)] > 0.0).all():
+        raise InputError("a survey states standard deviations of 0; every survey errs, correct them.")
+    relative: FloatArray = std / np.nanmean(std)
+    return relative
+
+
+def _copy_notes(stable_m: FloatArray) -> tuple[str, ...]:
+    """Return a note where the difference is exactly 0 on most of the unchanged ground: no error can be seen there."""
+    share = float(np.mean(stable_m == 0.0)) if stable_m.size else 0.0
+    if share <= _MOST_EQUAL:
+        return ()
+    return (
+        f"{share:.0%} of the unchanged ground has the same height in both surveys to the last digit, as where one was filled "
+        "from the other: their errors cannot be seen there, and the interval is too narrow; name ground that both "
+        "surveyed (--stable)",
+    )
+
+
+def _mean(values: FloatArray, weights: FloatArray, mask: BoolArray) -> float:
+    return float((values[mask] * weights[mask]).sum() / weights[mask].sum())
+
+
+def _offset_notes(offset_m: float) -> tuple[str, ...]:
+    """Return a note where more was subtracted than surveys err by."""
+    if abs(offset_m) <= _LARGEST_OFFSET_M:
+        return ()
+    return (
+        f"{offset_m:+.4g} m, the mean difference of the unchanged ground, were subtracted, which is more than surveys err by; "
+        "check the units and the vertical datums of both",
+    )
+
+
+def _error_notes(n_blunders: int, *, is_levelled: bool) -> tuple[str, ...]:
+    """Return notes on blunders that were left out and on an offset that stays in."""
+    notes = []
+    if n_blunders:
+        notes.append(
+            f"{n_blunders} cells of unchanged ground beyond {BLUNDER:g} robust deviations were left out of the error estimate"
+        )
+    if not is_levelled:
+        notes.append("an offset common to all cells is neither subtracted nor in the standard deviation")
+    return tuple(notes)
+
+
+def change_of_models(
+    later: GaussianProcessTerrain,
+    earlier: GaussianProcessTerrain,
+    outlines: Mapping[str, Polygon | MultiPolygon],
+    grid: Grid,
+) -> Change:
+    """Compute the change between two fitted terrain models, with errors from their posteriors.
+
+    Parameters
+    ----------
+    later, earlier : GaussianProcessTerrain
+        Of the elevation, in one CRS, above one datum.
+    outlines : mapping of str to polygon
+        Polygons to integrate over [m]; within both sites.
+    grid : Grid
+        On which the difference is mapped; its step is that of the volumes too. Volumes and areas count on
+        the ground, by the scale factors of its CRS.
+
+    Returns
+    -------
+    Change
+        With the method ``joint posterior``.
+
+    Raises
+    ------
+    InputError
+        Other quantities, mixed datums, an outline outside a site.
+
+    Notes
+    -----
+    The surveys' errors are assumed to be independent: those of a prior surface that both share count twice,
+    and drift of the positions that is not in the points' covariances is not included.
+    """
+    if {later.quantity, earlier.quantity} != {ELEVATION}:
+        raise InputError(
+            f"the models map {later.quantity} and {earlier.quantity}; change is computed of {ELEVATION}."
+        )
+    same_vertical_datum(later.vertical_datum_, earlier.vertical_datum_, "the two surveys")
+    new, old = later.grid(grid), earlier.grid(grid)
+    difference = new.mean.elevation - old.mean.elevation
+    std = np.hypot(new.std.elevation, old.std.elevation)
+    volumes = tuple(
+        _volume(later, earlier, name, polygon, grid, base_m=float(np.nanmean(old.mean.elevation)), std_m=std)
+        for name, polygon in outlines.items()
+    )
+    compared = Dem.on(grid, difference, later.vertical_datum_)
+    notes = (
+        *datum_notes(later.vertical_datum_, earlier.vertical_datum_),
+        *scale_notes(compared),
+    )
+    return Change(compared, std, significance(difference, std), volumes, "joint posterior", notes=notes)
+
+
+def _volume(
+    later: GaussianProcessTerrain,
+    earlier: GaussianProcessTerrain,
+    name: str,
+    polygon: Polygon | MultiPolygon,
+    grid: Grid,
+    *,
+    base_m: float,
+    std_m: FloatArray,
+) -> VolumeChange:
+    """Integrate both posteriors over an outline; a base near the surface keeps the sums small."""
+    new, old = (
+        model.volume(polygon, base_m=base_m, step_m=grid.step_m, crs=grid.crs) for model in (later, earlier)
+    )
+    found = new.minus(old)
+    inside = shapely.contains_xy(polygon, *grid.xy.T).reshape(grid.shape)
+    cells_m2 = grid.step_m**2 / areal_factors(grid.crs, grid.x, grid.y)[inside]
+    naive_std_m3 = float(np.sqrt(((std_m[inside] * cells_m2) ** 2).sum()))
+    return VolumeChange(
+        name,
+        found.area_m2,
+        1.0,
+        found.mean_m3 / found.area_m2,
+        found.mean_m3,
+        found.std_m3,
+        SIGNIFICANT * found.std_m3,
+        naive_std_m3,
+    )

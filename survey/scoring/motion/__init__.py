@@ -1,1 +1,0 @@
-"""Surface velocity from two surveys: hillshades, template matching, and fields of displacements."""

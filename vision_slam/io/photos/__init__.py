@@ -1,1 +1,0 @@
-"""Images of phones and cameras: names, EXIF times, focal lengths and positions."""

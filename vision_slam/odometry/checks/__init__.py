@@ -1,1 +1,0 @@
-"""Checks of gyro and mounting of the camera against the motion that the images themselves show."""

@@ -1,1 +1,0 @@
-"""Keyframes of visual odometry: fixed-lag bundle adjustment."""

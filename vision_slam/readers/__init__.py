@@ -1,0 +1,4 @@
+"""Readers of recorded drives: ROS bags, KITTI, TUM, EuRoC, image folders, GPS files.
+
+Readers return image sequences and logs of fixes (`vision_slam.readers.sequence`) and estimate nothing.
+"""

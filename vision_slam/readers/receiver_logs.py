@@ -1,0 +1,463 @@
+"""Logs of satellite receivers: NMEA 0183, u-blox UBX, Android GnssLogger.
+
+`read_nmea` reads GGA sentences, standard deviations from GST, dates from RMC and ZDA; `sentence_times` converts times of day
+to Unix times across midnight. `read_ublox` reads UBX-NAV-PVT messages, or the NMEA sentences of a log without them.
+`read_gnss_logger` reads the fixes of one provider. All return `ReceiverFixes`. Raw observations are left out.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.crs import ELLIPSOIDAL
+from survey.core.errors import InputError
+from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
+
+# Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].
+_QUALITY_SIGMA_M = {4: 0.02, 5: 0.3}
+_USUAL_SIGMA_M = 1.1
+# Qualities of GGA sentences: dead reckoning, entered by hand, simulated.
+_NOT_MEASURED = {6, 7, 8}
+_MOST_DAMAGED = 0.1
+_ALL_SYSTEMS = "GN"
+_KINDS = {"GGA", "GST", "RMC", "ZDA"}
+_LEAST_SENTENCE_WORDS = {"GGA": 10, "GST": 9, "RMC": 10, "ZDA": 5}
+
+
+def read_nmea(file: Path) -> ReceiverFixes:
+    """Return the fixes of the GGA sentences; times count from the first midnight where no RMC or ZDA sentence has the date.
+
+    Damaged sentences are left out and counted, and so are fixes without a height and places that no satellites gave: dead
+    reckoning, places entered by hand and simulated ones. Of fixes of one time by several systems of satellites, that of
+    all systems (GN) is taken, else the first.
+
+    Raises
+    ------
+    InputError
+        No fix, more than a tenth of the sentences damaged, or a sentence that holds no numbers where they belong.
+    """
+    found = _Sentences()
+    damaged: list[str] = []
+    for where, sentence in _sentences(file):
+        words, fault = _sentence_words(sentence)
+        if fault:
+            damaged.append(f"{where}: {fault}")
+        else:
+            found.add(words, where)
+    n_sentences = len(damaged) + found.n
+    if damaged and len(damaged) > _MOST_DAMAGED * n_sentences:
+        raise InputError(f"{damaged[0]} {len(damaged)} of {n_sentences} sentences of the log are damaged.")
+    if not found.fixes_of:
+        raise InputError(
+            f"{file} holds no GGA sentence with a fix of satellites ({found.n_without_fix} without a fix, "
+            f"{found.n_not_measured} dead reckoned, entered by hand or simulated); record GGA, and wait for a fix."
+        )
+    return found.fixes(_damage_note(damaged, n_sentences))
+
+
+class _Sentences:
+    """What the sentences of a log state."""
+
+    def __init__(self) -> None:
+        self.clocks: list[float] = []
+        self.midnights: list[float | None] = []
+        self.fixes_of: dict[int, _Fix] = {}
+        self.sigma_of: dict[int, float] = {}
+        self.n = self.n_without_fix = self.n_not_measured = self.n_other_systems = 0
+
+    def add(self, words: list[str], where: str) -> None:
+        """Add a sentence; refuse one without numbers where they belong."""
+        self.n += 1
+        kind = words[0][2:]
+        try:
+            if kind == "GGA":
+                self._add_fix(words)
+            elif kind == "GST":
+                self._add_sigma(words)
+            else:
+                self._add_date(words)
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{where}: {error} in a {kind} sentence; correct or remove it.") from error
+
+    def _add_time(self, text: str, midnight: float | None = None) -> int:
+        """Add the time of a sentence, and return its number."""
+        self.clocks.append(clock_s(text))
+        self.midnights.append(midnight)
+        return len(self.clocks) - 1
+
+    def _add_date(self, words: list[str]) -> None:
+        midnight = midnight_s(words)
+        if midnight is not None:
+            self._add_time(words[1], midnight)
+
+    def _add_sigma(self, words: list[str]) -> None:
+        sigma_m = _gst(words)
+        if sigma_m is not None:
+            self.sigma_of[self._add_time(words[1])] = sigma_m
+
+    def _add_fix(self, words: list[str]) -> None:
+        quality = int(words[6] or 0)
+        if quality == 0 or not words[9].strip():
+            self.n_without_fix += 1
+        elif quality in _NOT_MEASURED:
+            self.n_not_measured += 1
+        else:
+            self._take(_gga(words, quality), self._add_time(words[1]))
+
+    def _take(self, fix: "_Fix", number: int) -> None:
+        """Take a fix, unless another system of satellites gave the one before at the same time."""
+        last = next(reversed(self.fixes_of), None)
+        is_second = last is not None and self.clocks[last] == self.clocks[number]
+        if last is None or not is_second or self.fixes_of[last].system == fix.system:
+            self.fixes_of[number] = fix
+            return
+        self.n_other_systems += 1
+        if fix.system == _ALL_SYSTEMS:
+            del self.fixes_of[last]
+            self.fixes_of[number] = fix
+
+    def fixes(self, note: str) -> ReceiverFixes:
+        """Return the fixes, with notes of damaged sentences and of fixes that are left out."""
+        times, is_dated = sentence_times(self.clocks, self.midnights)
+        fixes = list(self.fixes_of.values())
+        time_s = times[list(self.fixes_of)]
+        stated = dict(zip(times[list(self.sigma_of)].tolist(), self.sigma_of.values(), strict=True))
+        return ReceiverFixes(
+            time_s,
+            np.array([fix.place for fix in fixes]),
+            is_dated=is_dated,
+            n_without_fix=self.n_without_fix,
+            sigma_m=_sigma_by_quality_m(time_s, [fix.quality for fix in fixes], stated),
+            notes=tuple(words for words in (note, *self._notes()) if words),
+        )
+
+    def _notes(self) -> Iterator[str]:
+        """Yield a note of each kind of fixes that are left out."""
+        if self.n_not_measured:
+            yield f"{self.n_not_measured} places that are dead reckoned, entered by hand or simulated are left out"
+        if self.n_other_systems:
+            yield (
+                f"{self.n_other_systems} fixes by another system of satellites at the time of one that is taken are left out"
+            )
+
+
+class _Fix(NamedTuple):
+    """Longitude, latitude [deg] and height [m] of a GGA sentence, its quality and its system of satellites."""
+
+    place: tuple[float, float, float]
+    quality: int
+    system: str
+
+
+def _sentences(file: Path) -> Iterator[tuple[str, str]]:
+    """Yield the place and the text of each sentence that is read."""
+    for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
+        sentence = line[max(line.rfind("$"), 0) :]
+        if sentence.startswith("$") and sentence[3:6] in _KINDS:
+            yield f"{file}, line {number}", sentence
+
+
+def _damage_note(damaged: list[str], n_sentences: int) -> str:
+    """Return a note of sentences that are left out because they are damaged."""
+    if not damaged:
+        return ""
+    return f"{len(damaged)} of {n_sentences} sentences are damaged and left out; the first: {damaged[0].rstrip('.')}"
+
+
+def _gst(words: list[str]) -> float | None:
+    """Return the horizontal standard deviation [m] of a GST sentence; None where it is empty."""
+    if not words[6] or not words[7]:
+        return None
+    sigma_m = float(np.hypot(float(words[6]), float(words[7])) / np.sqrt(2.0))
+    return sigma_m if sigma_m > 0.0 else None
+
+
+def _sigma_by_quality_m(
+    time_s: FloatArray, qualities: list[int], stated: dict[float, float]
+) -> FloatArray | None:
+    """Return standard deviations (N,) [m] by GST sentence or quality; None where neither says more than usual."""
+    if not stated and not set(qualities) & set(_QUALITY_SIGMA_M):
+        return None
+    usual_m = float(np.median(list(stated.values()))) if stated else _USUAL_SIGMA_M
+    by_quality = [_QUALITY_SIGMA_M.get(quality, usual_m) for quality in qualities]
+    return np.array([stated.get(t, sigma) for t, sigma in zip(time_s.tolist(), by_quality, strict=True)])
+
+
+def _gga(words: list[str], quality: int) -> _Fix:
+    """Return the fix of a GGA sentence."""
+    latitude = _nmea_degrees(words[2], 2) * _hemisphere_sign(words[3], "NS")
+    longitude = _nmea_degrees(words[4], 3) * _hemisphere_sign(words[5], "EW")
+    return _Fix((longitude, latitude, float(words[9])), quality, words[0][:2])
+
+
+def _hemisphere_sign(letter: str, hemispheres: str) -> float:
+    """Return 1 for the first letter of two hemispheres, -1 for the second."""
+    if letter.strip().upper() not in tuple(hemispheres):
+        raise ValueError(f"the hemisphere {letter!r} is neither {hemispheres[0]} nor {hemispheres[1]}")
+    return 1.0 if letter.strip().upper() == hemispheres[0] else -1.0
+
+
+def _sentence_words(sentence: str) -> tuple[list[str], str]:
+    """Return the fields of a sentence, and what is wrong with it; ``""`` where nothing is."""
+    body, star, checksum = sentence[1:].partition("*")
+    checksum = checksum.split(",")[0]  # phones add their own time of arrival
+    sum_of = 0
+    for letter in body:
+        sum_of ^= ord(letter)
+    words = body.split(",")
+    least = _LEAST_SENTENCE_WORDS.get(words[0][2:], 10)
+    if not star:
+        return words, "the sentence has no checksum; log NMEA with checksums, so that damage is seen."
+    if checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
+        return words, "the checksum of the sentence is wrong; it was cut off or damaged, remove it."
+    if len(words) < least:
+        return words, f"the sentence has {len(words)} fields; at least {least} were expected."
+    return words, ""
+
+
+def _nmea_degrees(text: str, n_digits: int) -> float:
+    """Return the degrees of ddmm.mmmm or dddmm.mmmm."""
+    return float(text[:n_digits]) + float(text[n_digits:]) / 60.0
+
+
+_DAY_S = 86400.0
+_STATUS_VALID, _DATE_DIGITS = "A", 6
+
+
+def clock_s(text: str) -> float:
+    """Return seconds since midnight of hhmmss.ss.
+
+    Examples
+    --------
+    >>> clock_s("010002.50")
+    3602.5
+    """
+    return float(text[:2]) * 3600.0 + float(text[2:4]) * 60.0 + float(text[4:])
+
+
+def midnight_s(words: list[str]) -> float | None:
+    """Return the Unix time of the midnight before an RMC or ZDA sentence; None where it states no date.
+
+    Examples
+    --------
+    >>> midnight_s("GPZDA,101502.00,02,01,1970,00,00".split(","))
+    86400.0
+    """
+    if words[0][2:] == "ZDA":
+        if not all(words[1:5]):
+            return None
+        return datetime(int(words[4]), int(words[3]), int(words[2]), tzinfo=UTC).timestamp()
+    if words[2] != _STATUS_VALID or len(words[9]) != _DATE_DIGITS:
+        return None
+    return datetime.strptime(words[9] + "+0000", "%d%m%y%z").timestamp()
+
+
+def sentence_times(clocks: Sequence[float], midnights: Sequence[float | None]) -> tuple[FloatArray, bool]:
+    """Return times (N,) [s] of sentences in their order, and whether they are Unix times.
+
+    Without any date they count from the first midnight. A date holds for the sentences that follow it, and for those
+    before it back to the longest pause since the date before, as a receiver that was switched off makes one.
+
+    Parameters
+    ----------
+    clocks : sequence of float
+        Seconds since midnight of each sentence; less by half a day than the one before is a new day.
+    midnights : sequence of float or None
+        Unix time of the midnight before each sentence [s]; None for one without a date.
+
+    Examples
+    --------
+    >>> sentence_times([86399.0, 1.0], [None, None])[0].tolist()
+    [86399.0, 86401.0]
+    >>> sentence_times([10.0, 10.0, 20.0, 20.0], [0.0, None, None, 172800.0])[0].tolist()
+    [10.0, 10.0, 172820.0, 172820.0]
+    """
+    steps = np.diff(np.asarray(clocks, dtype=np.float64))
+    n_days = np.concatenate([[0.0], np.cumsum(steps < -0.5 * _DAY_S)])
+    times: FloatArray = np.asarray(clocks, dtype=np.float64) + _DAY_S * n_days
+    dated = [(k, midnight) for k, midnight in enumerate(midnights) if midnight is not None]
+    if not dated:
+        return times, False
+    shifts = np.full(len(times), dated[0][1] - _DAY_S * n_days[dated[0][0]])
+    last = dated[0][0]
+    for k, midnight in dated[1:]:
+        shift = midnight - _DAY_S * n_days[k]
+        if shift != shifts[k]:
+            first = last + 1 + int(np.argmax(steps[last:k] % _DAY_S))
+            shifts[first:] = shift
+        last = k
+    return times + shifts, True
+
+
+SYNC = b"\xb5\x62"
+_GGA = re.compile(rb"\$G[A-Z]GGA,")
+_UBX_FIX_TYPES = (2, 3, 4)  # 2D, 3D, with dead reckoning
+
+
+def read_ublox(file: Path) -> ReceiverFixes:
+    """Read the positions of a binary log; other messages in it (RTCM, raw data) are passed over.
+
+    The horizontal accuracy estimate of the receiver, a standard deviation of the distance, is
+    divided by √2 for each axis. Heights are ellipsoidal. Messages whose checksum is wrong, as a
+    log that begins or ends in the middle of one has, are left out and counted, and so are positions that the
+    receiver itself does not call valid (``gnssFixOK``). A log without NAV-PVT gives the fixes of its NMEA sentences,
+    with a note.
+
+    Parameters
+    ----------
+    file : Path
+        The ``.ubx`` file.
+
+    Returns
+    -------
+    ReceiverFixes
+        Positions with date, time and standard deviation.
+
+    Raises
+    ------
+    InputError
+        No NAV-PVT message with a position and no GGA sentence.
+    """
+    from pyubx2 import ERR_LOG, UBX_PROTOCOL, UBXReader
+
+    damaged: list[Exception] = []
+    rows, n_without_fix = [], 0
+    with file.open("rb") as stream:
+        reader = UBXReader(stream, protfilter=UBX_PROTOCOL, quitonerror=ERR_LOG, errorhandler=damaged.append)
+        for _, message in reader:
+            if getattr(message, "identity", "") != "NAV-PVT":
+                continue
+            is_dated = message.validDate and message.validTime
+            if message.fixType not in _UBX_FIX_TYPES or not (message.gnssFixOk and is_dated):
+                n_without_fix += 1
+                continue
+            rows.append(_ubx_position(message))
+    if not rows and n_without_fix == 0 and _GGA.search(file.read_bytes()):
+        fixes = read_nmea(file)
+        return fixes._replace(
+            notes=("no NAV-PVT message: the fixes are those of NMEA sentences", *fixes.notes)
+        )
+    if not rows:
+        raise InputError(
+            f"{file} holds no NAV-PVT message with a position ({n_without_fix} without one, {len(damaged)} damaged); "
+            "switch UBX-NAV-PVT on in the receiver, and wait for a fix."
+        )
+    table = np.array(rows)
+    notes = (f"{len(damaged)} damaged messages of the receiver are left out",) if damaged else ()
+    return ReceiverFixes(
+        table[:, 0],
+        table[:, 1:4],
+        table[:, 4],
+        n_without_fix=n_without_fix,
+        vertical_datum=ELLIPSOIDAL,
+        notes=notes,
+    )
+
+
+def _ubx_position(message: Any) -> tuple[float, float, float, float, float]:
+    """Return Unix time [s], longitude, latitude [deg], ellipsoidal height and standard deviation [m]."""
+    day = datetime(message.year, message.month, message.day, tzinfo=UTC).timestamp()
+    clock = 3600.0 * message.hour + 60.0 * message.min + message.second + 1e-9 * message.nano
+    sigma_m = 1e-3 * message.hAcc / float(np.sqrt(2.0))
+    return day + clock, message.lon, message.lat, 1e-3 * message.height, sigma_m
+
+
+# Names of the fields by version of the app; the order of the last resort is that of version 2.
+_LOGGER_FIELDS = {
+    "latitude": ("latitudedegrees", "latitude"),
+    "longitude": ("longitudedegrees", "longitude"),
+    "height": ("altitudemeters", "altitude"),
+    "accuracy": ("accuracymeters", "accuracy"),
+    "time": ("unixtimemillis", "(utc)timeinms", "timeinms"),
+}
+_USUAL_LOGGER_HEADER = "Fix,Provider,Latitude,Longitude,Altitude,Speed,Accuracy,(UTC)TimeInMs"
+# The satellites' own positions first, then those that the phone has fused, then those by radio cells.
+_PROVIDERS = ("GPS", "FLP", "FUSED", "NLP", "NETWORK", "GT")
+
+
+def read_gnss_logger(file: Path) -> ReceiverFixes:
+    """Read the fixes of a log: those of one provider, GPS where it has at least two.
+
+    Android's accuracy is the radius of 68 %; it becomes a standard deviation in each axis. Fixes without an
+    altitude, which phones log before satellites are found, are left out and counted.
+
+    Parameters
+    ----------
+    file : Path
+        Text log.
+
+    Returns
+    -------
+    ReceiverFixes
+        In the order of their times; of those with the same time the first.
+
+    Raises
+    ------
+    InputError
+        A line is damaged, or no provider has two fixes.
+    """
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    header = next(
+        (line.lstrip("# ") for line in lines if line.lstrip("# ").startswith("Fix,Prov")),
+        _USUAL_LOGGER_HEADER,
+    )
+    columns = _logger_columns(header)
+    by_provider: dict[str, list[tuple[float, ...]]] = {}
+    n_without_height = 0
+    for number, line in enumerate(lines, start=1):
+        if line.startswith("Fix,"):
+            words = line.split(",")
+            fix = _logger_fix(words, columns, f"{file}, line {number}")
+            if np.isnan(fix[3]):
+                n_without_height += 1
+            else:
+                by_provider.setdefault(words[1].upper(), []).append(fix)
+    chosen = next((p for p in _PROVIDERS if len(by_provider.get(p, [])) >= 2), None)
+    if chosen is None:
+        raise InputError(
+            f"{file} holds {sum(map(len, by_provider.values()))} fixes and no two of one provider; "
+            "log for longer, with location switched on."
+        )
+    table = np.array(by_provider[chosen])
+    _, first = np.unique(table[:, 0], return_index=True)
+    table = table[first]
+    others = ", ".join(f"{len(rows)} of {name}" for name, rows in by_provider.items() if name != chosen)
+    note = f"fixes of the provider {chosen}" + (f" ({others} are left out)" if others else "")
+    has_sigma = bool((table[:, 4] > 0.0).all())
+    return ReceiverFixes(
+        1e-3 * table[:, 0],
+        table[:, 1:4],
+        axis_sigma_m(table[:, 4]) if has_sigma else None,
+        n_without_fix=n_without_height,
+        vertical_datum=ELLIPSOIDAL,
+        notes=(note,),
+    )
+
+
+def _logger_columns(header: str) -> dict[str, int]:
+    names = [name.strip().lower() for name in header.split(",")]
+    return {
+        kind: next((names.index(name) for name in spellings if name in names), -1)
+        for kind, spellings in _LOGGER_FIELDS.items()
+    }
+
+
+def _logger_fix(words: list[str], columns: dict[str, int], where: str) -> tuple[float, ...]:
+    """Return time [ms], longitude, latitude [deg], height (NaN without) and accuracy (0 without) [m] of one line."""
+    try:
+        values = {kind: words[at].strip() for kind, at in columns.items() if at >= 0}
+        height = values["height"] or "nan"
+        fix = (*(float(values[kind]) for kind in ("time", "longitude", "latitude")), float(height))
+        accuracy = float(values.get("accuracy") or 0.0)
+    except (ValueError, IndexError, KeyError) as error:
+        raise InputError(
+            f"{where} is no fix with time, longitude, latitude and altitude ({error}); correct or remove it."
+        ) from error
+    if not (abs(fix[1]) <= 180.0 and abs(fix[2]) <= 90.0 and np.isfinite(fix[:3]).all()):
+        raise InputError(f"{where}: {fix[2]:g}, {fix[1]:g} are no degrees; correct or remove the line.")
+    return (*fix, accuracy)
