@@ -16,6 +16,7 @@ from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission
+from sim.world.site import SharedWorld
 from survey.core.arrays import IntArray
 from survey.core.run_folder import STAGES, RunFolder
 from survey.data.area import SurveyArea
@@ -54,7 +55,8 @@ def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str
         What a stage refuses.
     """
     mission = read_mission(mission_file)
-    run = open_run(mission, mission_file.parent / "runs")
+    world = SharedWorld(mission)
+    run = open_run(mission, mission_file.parent / "runs", world=world)
 
     @contextmanager
     def watch(stage: str) -> Iterator[None]:
@@ -66,7 +68,7 @@ def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str
             _report_drive(run, kernel, job)
 
     with logged_to(run.log_file, 0):
-        run_mission(mission, run, watch=watch, workers=1)
+        run_mission(mission, run, watch=watch, workers=1, world=world)
     content = summary(run)
     job.files["report"] = run.folder("report")
     score = content["score"]

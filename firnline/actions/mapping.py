@@ -4,7 +4,7 @@ The inputs are read and checked, the map is made, and its folder is written.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,12 +40,7 @@ from survey.reconstruction.mapping import within
 from survey.reconstruction.method import MappedTerrain, ScanSettings
 from survey.reconstruction.motion.epoch import at_epoch, with_age
 from survey.reconstruction.motion.refinement import refined_motion
-from survey.reconstruction.observations import (
-    Blunders,
-    refuse_far_places,
-    refuse_feet_among_metres,
-    without_blunders,
-)
+from survey.reconstruction.observations import SoundPoints, sound_points
 from survey.reconstruction.payload import map_payload, payload_grid, write_payload
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
@@ -233,6 +228,13 @@ def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None)
         steep_ground(result, max_slope_deg).write(out / "no_go.tif")
 
 
+def blunder_text(found: Mapping[str, Any]) -> str:
+    """Return the sentence about blunders that were left out, with the file or the number of the scan that holds them."""
+    scan = f"scan {found['scan']}" if "scan" in found else None
+    place = found.get("file", scan)
+    return f"{place}: {found['sentence']}" if place else str(found["sentence"])
+
+
 def _findings(result: survey.Reconstruction) -> list[str]:
     """Return the check by points left out, the classes by the map's claim, and what is to be known of the input."""
     from survey.scoring.standards.map_classes import own_claim
@@ -250,9 +252,7 @@ def _findings(result: survey.Reconstruction) -> list[str]:
     )
     if share is not None:
         lines.append(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
-    lines += [
-        fact_line("left out", f"{each['file']}: {each['sentence']}") for each in found.get("blunders", ())
-    ]
+    lines += [fact_line("left out", blunder_text(each)) for each in found.get("blunders", ())]
     if n_low:
         lines.append(fact_line("left out", f"{n_low} isolated low returns"))
     if offset_m is not None:
@@ -269,13 +269,13 @@ class PointInputs(NamedTuple):
     area: survey.SurveyArea | None
     paths: list[survey.Trajectory]
     prior: survey.Dem | None
-    blunders: dict[str, Blunders]
+    blunders: tuple[dict[str, Any], ...]
 
     @property
     def facts(self) -> dict[str, str]:
         """What was read, for people."""
         rows, columns = self.grid.shape
-        left_out = "; ".join(f"{file}: {found.sentence()}" for file, found in self.blunders.items())
+        left_out = "; ".join(blunder_text(found) for found in self.blunders)
         return {
             "points": f"{len(self.drives.points)}, {self.drives.points.crs.name}",
             **({"left out": left_out} if left_out else {}),
@@ -286,12 +286,17 @@ class PointInputs(NamedTuple):
 def _read_inputs(request: MapRequest) -> PointInputs:
     """Read the points, and with them area, paths and prior, onto the nodes of the map."""
     options = request.options
-    blunders: dict[str, Blunders] = {}
     if request.is_registered:
         paths = [_path(file, options.crs) for file in options.trajectories]
-        parts = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
+        scans = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
+        sound = [
+            sound_points(seen, has_area=options.area is not None, file=str(file))
+            for seen, file in zip(scans, options.sources, strict=True)
+        ]
+        parts = [each.points for each in sound]
     else:
-        parts = [_sound_points(request, file, blunders) for file in options.sources]
+        sound = [_sound_points(request, file) for file in options.sources]
+        parts = [each.points for each in sound]
         paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]
     errors = [path.error for path in paths] or [None]
     drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
@@ -301,27 +306,17 @@ def _read_inputs(request: MapRequest) -> PointInputs:
     area = request.read_area(points.crs)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
     prior = None if options.prior is None else _prior(options.prior, grid)
+    blunders = tuple(found for each in sound for found in each.blunders)
     return PointInputs(drives, grid, area, paths, prior, blunders)
 
 
-def _sound_points(request: MapRequest, file: Path, blunders: dict[str, Blunders]) -> survey.SurfacePoints:
-    """Read points without gross blunders of their heights, which are collected by file; refuse feet and far places."""
+def _sound_points(request: MapRequest, file: Path) -> SoundPoints:
+    """Read points without gross blunders of their heights; refuse feet, and far places where no area is named."""
     options = request.options
     points = survey.SurfacePoints.read(
         file, crs=options.crs, sigma_m=options.sigma_m, columns=parsed_columns(options.columns)
     )
-    try:
-        if options.area is None:
-            refuse_far_places(points)
-        if options.value not in (None, ELEVATION):
-            return points
-        refuse_feet_among_metres(points)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from error
-    kept, found = without_blunders(points)
-    if len(found.rows):
-        blunders[str(file)] = found
-    return kept
+    return sound_points(points, options.value or ELEVATION, has_area=options.area is not None, file=str(file))
 
 
 def _map_points(request: MapRequest, progress: Progress) -> MapResult:
@@ -336,9 +331,10 @@ def _map_points(request: MapRequest, progress: Progress) -> MapResult:
         quantity=request.options.value or ELEVATION,
         progress=progress,
         area=area,
+        blunders=blunders,
     )
     moved, motion = _on_ice(mapped, request)
-    result = _with_blunders(moved if area is None else within(moved, area), blunders)
+    result = moved if area is None else within(moved, area)
     corrected: list[survey.Trajectory] = []
     if mapped.correction is not None:
         parts = drives.corrections(mapped.correction)
@@ -350,16 +346,6 @@ def _map_points(request: MapRequest, progress: Progress) -> MapResult:
         corrected=corrected,
         motion=motion,
     )
-
-
-def _with_blunders(result: survey.Reconstruction, blunders: dict[str, Blunders]) -> survey.Reconstruction:
-    """Return the map with the blunders that were left out in its record."""
-    if not blunders:
-        return result
-    facts = [
-        {"file": file, "sentence": found.sentence(), **found.facts()} for file, found in blunders.items()
-    ]
-    return replace(result, diagnostics={**result.diagnostics, "blunders": facts})
 
 
 def _on_ice(mapped: MappedTerrain, request: MapRequest) -> tuple[survey.Reconstruction, IceMotion | None]:

@@ -26,6 +26,7 @@ from sim.mission.rehearsal import FaultEvent, fault_tree, summarized
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
 from sim.montecarlo.config import read_study
+from sim.world.site import SharedWorld
 from survey.core.documents import cut_incomplete_line, log_line, read_json, read_log, read_record
 from survey.core.errors import ConfigError, InputError
 from survey.core.files import replacing
@@ -230,9 +231,11 @@ def run_until(
 ) -> RunResult:
     """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage."""
     mission = read_mission(mission_file, options.settings)
-    run = open_run(mission, options.runs, first=first)
+    world = SharedWorld(mission)
+    run = open_run(mission, options.runs, first=first, world=world)
     with logged_to(run.log_file, verbose):
-        run_mission(mission, run, until=stage, watch=watch(earlier_seconds(run)), workers=workers)
+        shown = watch(earlier_seconds(run))
+        run_mission(mission, run, until=stage, watch=shown, workers=workers, world=world)
     return RunResult(run, mission.score.require)
 
 

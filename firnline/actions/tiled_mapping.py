@@ -90,6 +90,7 @@ class TiledMapResult(Result):
             *figure_lines(self.result.facts["hyperparameters"]),
             fact_line("strips", f"{len(found['strips'])}, {found['n_overlap_blocks']} blocks of overlap"),
         ]
+        lines += [fact_line("left out", each["sentence"]) for each in found.get("blunders", ())]
         if test.n:
             share = 100.0 * test.coverage_95
             lines.append(fact_line("withheld", f"{share:.1f} % of {test.n:,} cells within the 95 % interval"))

@@ -48,6 +48,45 @@ class World(DataObject):
     area: SurveyArea
 
 
+class SharedWorld:
+    """World of a mission, which is built when it is first needed, and once.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+
+    Examples
+    --------
+    >>> mission = MissionConfig.model_validate(
+    ...     {"schema_version": 1, "name": "a", "terrain": {"source": "srtm-sample"}, "planner": {"pattern": "lawnmower", "swaths": 2}}
+    ... )
+    >>> world = SharedWorld(mission)
+    >>> world.get() is world.get()
+    True
+    """
+
+    def __init__(self, mission: MissionConfig) -> None:
+        self._mission = mission
+        self._world: World | None = None
+
+    def get(self) -> World:
+        """Return the world.
+
+        Returns
+        -------
+        World
+            Terrain, prior and survey area.
+        """
+        if self._world is None:
+            self._world = build_world(self._mission)
+        return self._world
+
+    def release(self) -> None:
+        """Free the memory; the world is built again when it is needed."""
+        self._world = None
+
+
 def build_world(mission: MissionConfig) -> World:
     """Build the world of a mission: terrain, satellite prior, and survey area.
 

@@ -17,6 +17,7 @@ from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 
 if TYPE_CHECKING:
     from survey.reconstruction.joint.drives import PathCorrection
+    from survey.reconstruction.joint.solution import JointSolution
 
 SightLines = Literal["truncation", "own", "none"]
 """How a method uses lines of sight: its map is cut off at them afterwards, it uses them itself, or it cannot."""
@@ -59,6 +60,8 @@ class MappingTask:
         Progress callback of maps that take long.
     area : SurveyArea, optional
         Ground of which the map claims its error; the grid by default.
+    blunders : sequence of dict, optional
+        Record of the blunders that were left out of the points; by default the points are not checked yet.
     """
 
     points: SurfacePoints
@@ -70,6 +73,7 @@ class MappingTask:
     rays: bool = False
     progress: Progress | None = None
     area: SurveyArea | None = None
+    blunders: Sequence[Mapping[str, Any]] | None = None
 
     def config(self, kind: type[AnySection]) -> AnySection:
         """Return the settings of one kind, or their defaults.
@@ -98,14 +102,14 @@ class MappedTerrain(NamedTuple):
         Correction of the path.
     n_points : int
         Number of points that were mapped.
-    solution : object, optional
-        `JointSolution` that the map was read from, for questions about its covariance.
+    solution : JointSolution, optional
+        Solution that a joint map was read from, for questions about its covariance.
     """
 
     reconstruction: Reconstruction
     correction: "PathCorrection | None" = None
     n_points: int = 0
-    solution: Any = None
+    solution: "JointSolution | None" = None
 
 
 class ScanModel(Protocol):
