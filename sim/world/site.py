@@ -4,7 +4,7 @@
 a satellite product, or a raster from a file.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -48,6 +48,7 @@ class World(DataObject):
     area: SurveyArea
 
 
+@dataclass
 class SharedWorld:
     """World of a mission, which is built when it is first needed, and once.
 
@@ -66,9 +67,8 @@ class SharedWorld:
     True
     """
 
-    def __init__(self, mission: MissionConfig) -> None:
-        self._mission = mission
-        self._world: World | None = None
+    mission: MissionConfig
+    _world: World | None = field(default=None, init=False, repr=False, compare=False)
 
     def get(self) -> World:
         """Return the world.
@@ -79,7 +79,7 @@ class SharedWorld:
             Terrain, prior and survey area.
         """
         if self._world is None:
-            self._world = build_world(self._mission)
+            self._world = build_world(self.mission)
         return self._world
 
     def release(self) -> None:

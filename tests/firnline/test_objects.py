@@ -76,12 +76,13 @@ def configurations() -> Iterator[Any]:
         kind = getattr(firnline, name)
         if issubclass(kind, BaseModel) and name != "MissionConfig":
             yield kind(**needed.get(name, {}))
-    yield firnline.MissionConfig(
+    mission = firnline.MissionConfig(
         schema_version=1,
         name="small",
         terrain=firnline.SampleTerrain(source="srtm-sample"),
         planner=firnline.LawnmowerConfig(swaths=3),
     )
+    yield from (mission, firnline.SharedWorld(mission))
 
 
 def errors() -> Iterator[FirnlineError]:
