@@ -112,6 +112,7 @@ from survey.reconstruction.lattice.config import SpringLatticeConfig as SpringLa
 from survey.reconstruction.mapping import reconstruct as reconstruct
 from survey.reconstruction.method import MappedTerrain as MappedTerrain
 from survey.reconstruction.method import MappingTask as MappingTask
+from survey.reconstruction.method import MethodSettings as MethodSettings
 from survey.reconstruction.method import ReconstructionMethod as ReconstructionMethod
 from survey.reconstruction.method import ScanModel as ScanModel
 from survey.reconstruction.method import ScanSettings as ScanSettings

@@ -20,7 +20,7 @@ from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
-from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
+from survey.reconstruction.method import MappedTerrain, MappingTask, MethodSettings, ReconstructionMethod
 from survey.reconstruction.observations import sound_points
 from survey.reconstruction.registry import METHODS, LandmarkErrors, method_named, names_where
 from survey.reconstruction.terrain_map import ELEVATION, UNSEEN, Reconstruction
@@ -104,7 +104,7 @@ def reconstruct(
     chosen = chosen_method(method, path)
     if kernel is not None:
         config = _with_kernel(chosen, config, kernel)
-    configs = [given for given in (config, joint) if given is not None]
+    configs = MethodSettings.of(*(given for given in (config, joint) if given is not None))
     _require_kinds(chosen, [config] if config is not None else [])
     task = MappingTask(points, grid, prior, path, value, configs, rays, area=area)
     result = run(chosen, task).reconstruction

@@ -24,16 +24,61 @@ SightLines = Literal["truncation", "own", "none"]
 AnySection = TypeVar("AnySection", bound=Section)
 
 
-def config_of(configs: Sequence[Section], kind: type[AnySection]) -> AnySection:
-    """Return the settings of one kind among several, or their defaults.
+@dataclass(frozen=True)
+class MethodSettings:
+    """Settings of a method by their class; a class without settings has its defaults.
+
+    Parameters
+    ----------
+    by_class : mapping of type to Section
+        One section of each class.
 
     Examples
     --------
     >>> from survey.reconstruction.gp.config import JointConfig
-    >>> config_of([JointConfig(slope_passes=3)], JointConfig).slope_passes
+    >>> MethodSettings.of(JointConfig(slope_passes=3)).get(JointConfig).slope_passes
     3
     """
-    return next((config for config in configs if isinstance(config, kind)), None) or kind()
+
+    by_class: Mapping[type[Section], Section] = field(default_factory=lambda: ReadOnlyMapping({}))
+
+    @classmethod
+    def of(cls, *sections: Section) -> Self:
+        """Return settings of one or several classes.
+
+        Parameters
+        ----------
+        *sections : Section
+            Each counts for its class and for the classes that it derives from.
+
+        Returns
+        -------
+        MethodSettings
+            With these sections.
+        """
+        found = {
+            kind: section
+            for section in sections
+            for kind in type(section).__mro__
+            if issubclass(kind, Section) and kind is not Section
+        }
+        return cls(ReadOnlyMapping(found))
+
+    def get(self, kind: type[AnySection]) -> AnySection:
+        """Return the settings of a class, or their defaults.
+
+        Parameters
+        ----------
+        kind : type
+            Class of the settings.
+
+        Returns
+        -------
+        Section
+            Settings of that class.
+        """
+        found = self.by_class.get(kind)
+        return found if isinstance(found, kind) else kind()
 
 
 @dataclass(frozen=True)
@@ -52,8 +97,8 @@ class MappingTask:
         Error that the points share through the poses they were seen from.
     quantity : str
         Mapped quantity, with its unit.
-    configs : sequence of Section
-        Settings; a method takes those of its own kinds.
+    configs : MethodSettings
+        Settings of the method.
     rays : bool
         Whether lines of sight bound the map.
     progress : callable, optional
@@ -69,7 +114,7 @@ class MappingTask:
     prior: Dem | Mean | None = None
     path: PathError | None = None
     quantity: str = ELEVATION
-    configs: Sequence[Section] = ()
+    configs: MethodSettings = MethodSettings()
     rays: bool = False
     progress: Progress | None = None
     area: SurveyArea | None = None
@@ -88,7 +133,7 @@ class MappingTask:
         Section
             Settings of that class.
         """
-        return config_of(self.configs, kind)
+        return self.configs.get(kind)
 
 
 class MappedTerrain(NamedTuple):
@@ -166,14 +211,14 @@ class ScanSettings(NamedTuple):
         Fixed extent ``(xmin, ymin, xmax, ymax)`` [m].
     rays : bool
         Whether lines of sight bound the map.
-    configs : sequence of Section
+    configs : MethodSettings
         Settings of the method.
     """
 
     step_m: float | None = None
     bounds: Bounds | None = None
     rays: bool = False
-    configs: Sequence[Section] = ()
+    configs: MethodSettings = MethodSettings()
 
 
 @dataclass(frozen=True)
@@ -222,7 +267,12 @@ class ReconstructionMethod:
     check_cover: Callable[[ScanSettings], None] | None = None
 
     def require_room(
-        self, bounds: Bounds, step_m: float, configs: Sequence[Section] = (), *, covered: bool = False
+        self,
+        bounds: Bounds,
+        step_m: float,
+        configs: MethodSettings = MethodSettings(),  # frozen
+        *,
+        covered: bool = False,
     ) -> None:
         """Refuse a map that would not fit into memory, or settings that do not fit the map.
 
@@ -232,7 +282,7 @@ class ReconstructionMethod:
             Extent of the map [m].
         step_m : float
             Distance between the nodes [m].
-        configs : sequence of Section
+        configs : MethodSettings
             Settings of the method.
         covered : bool
             Whether points will lie all over the extent, as those of a mission do.

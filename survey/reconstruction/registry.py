@@ -13,7 +13,7 @@ from survey.core.errors import InputError
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
-from survey.reconstruction.method import ReconstructionMethod
+from survey.reconstruction.method import MethodSettings, ReconstructionMethod
 from survey.reconstruction.methods.carving import CARVING
 from survey.reconstruction.methods.emap import EMAP
 from survey.reconstruction.methods.field import FIELD
@@ -120,7 +120,7 @@ class ReconstructionConfig(Section):
         own = {"field": self.field.rays, "carving": self.carving.carve}
         return self.rays or own.get(self.method, False)
 
-    def configs_of(self, method: ReconstructionMethod) -> tuple[Section, ...]:
+    def configs_of(self, method: ReconstructionMethod) -> MethodSettings:
         """Return the settings that a method reads.
 
         Parameters
@@ -130,8 +130,8 @@ class ReconstructionConfig(Section):
 
         Returns
         -------
-        tuple of Section
+        MethodSettings
             One for each of the method's sections.
         """
         sections = dict(self)
-        return tuple(sections[name] for name in method.configs)
+        return MethodSettings.of(*(sections[name] for name in method.configs))

@@ -129,6 +129,7 @@ def others() -> Iterator[Any]:
     yield METHODS["tin"]
     yield firnline.MapScale.over(CRS, (499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0))
     yield ScanSettings()
+    yield firnline.MethodSettings.of(firnline.JointConfig(slope_passes=3))
     yield firnline.NodeCounts(1, 2, 3)
     yield firnline.RunFolder(Path("runs") / "small" / "1")
     yield DemMean(firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 1.0), 1.0), np.zeros((2, 3))))

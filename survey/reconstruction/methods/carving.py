@@ -8,7 +8,6 @@ from survey.reconstruction.method import (
     MappingTask,
     ReconstructionMethod,
     ScanSettings,
-    config_of,
 )
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ _THIN_M = 0.1
 def _begin(settings: ScanSettings) -> "SpaceCarvingKernel":
     from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 
-    config = config_of(settings.configs, SpaceCarvingConfig)
+    config = settings.configs.get(SpaceCarvingConfig)
     if "thin_m" not in config.model_fields_set:
         config = config.model_copy(update={"thin_m": _THIN_M})
     return SpaceCarvingKernel(config)
@@ -33,7 +32,7 @@ def _check_cover(settings: ScanSettings) -> None:
 
     if settings.bounds is None:
         return
-    config = config_of(settings.configs, SpaceCarvingConfig)
+    config = settings.configs.get(SpaceCarvingConfig)
     xmin, ymin, xmax, ymax = settings.bounds
     reach_m = 2.0 * config.first_length_m
     require_room(config, xmax - xmin + reach_m, ymax - ymin + reach_m, 0)

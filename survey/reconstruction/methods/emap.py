@@ -10,7 +10,6 @@ from survey.reconstruction.method import (
     MappingTask,
     ReconstructionMethod,
     ScanSettings,
-    config_of,
 )
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 def _begin(settings: ScanSettings) -> "SpringLattice":
     from survey.reconstruction.lattice.spring_lattice import SpringLattice
 
-    config = config_of(settings.configs, SpringLatticeConfig)
+    config = settings.configs.get(SpringLatticeConfig)
     # The paper's lattice follows the sensor; a map of everything grows with the points.
     side_m = config.side_m if "side_m" in config.model_fields_set else None
     changes = {"step_m": config.step_m or settings.step_m, "side_m": side_m}

@@ -9,7 +9,6 @@ from survey.reconstruction.method import (
     MappingTask,
     ReconstructionMethod,
     ScanSettings,
-    config_of,
 )
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 def _begin(settings: ScanSettings) -> "FieldLattice":
     from survey.reconstruction.lattice.field_lattice import FieldLattice
 
-    config = config_of(settings.configs, FieldLatticeConfig)
+    config = settings.configs.get(FieldLatticeConfig)
     changes = {"step_m": config.step_m or settings.step_m, "rays": config.rays or settings.rays}
     return FieldLattice(config.model_copy(update=changes), settings.bounds)
 
@@ -28,7 +27,7 @@ def _check(settings: ScanSettings) -> None:
     """Refuse a lattice with more nodes than fit into memory."""
     from survey.reconstruction.nodes import NodeWindow, require_room
 
-    config = config_of(settings.configs, FieldLatticeConfig)
+    config = settings.configs.get(FieldLatticeConfig)
     if settings.bounds is not None:
         step_m = config.step_m or settings.step_m or config.node_step_m
         require_room(NodeWindow.over(settings.bounds, step_m), config.bytes_per_node, config.memory_mb)
