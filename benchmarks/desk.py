@@ -24,12 +24,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Row, cpu_seconds, main
-from desk.demo import write_demo
 from desk.plan.document import PlanDocument
-from desk.plan.error_map import error_map
 from desk.plan.live import LivePlan, plan_once
-from desk.plan.summary import plan_summary
-from desk.sources import open_workspace
+from desk.plan.summary import error_map, plan_summary
+from desk.sources import open_workspace, write_demo
 from desk.workspace import Workspace
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -84,7 +84,7 @@ def _cpu_of(checkout: Path, part: str, place: Path) -> float:
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
     environment = {**os.environ, **threads, "PYTHONPATH": str(checkout)}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [python, "-m", "firnline", *map(str, words), "-q"]
+    command = [python, "-m", "firnline.cli.main", *map(str, words), "-q"]
     subprocess.run(command, check=True, cwd=checkout, env=environment, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

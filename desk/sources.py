@@ -1,16 +1,16 @@
-"""What the desk can be opened with: a raster, a plan of the desk, a mission file, a run."""
+"""Sources that the desk opens: a raster, a plan of the desk, a mission file, a run, or the sample site."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from desk.plan.document import PlanDocument
-from desk.plan.history import SUFFIX, read_history
+from desk.plan.history import SUFFIX, StoredHistory, read_history
 from desk.workspace import Workspace
 from survey.core.errors import InputError
+from survey.data.area import SurveyArea
 
 if TYPE_CHECKING:
     from sim.config.mission import MissionConfig
-    from survey.data.area import SurveyArea
     from survey.data.dem import Dem
 
 
@@ -82,3 +82,35 @@ def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:
         rover=rover,
         fleet=mission.fleet.model_dump(mode="json", exclude_defaults=True),
     )
+
+
+_NAME = "srtm_sample"
+
+
+def write_demo(folder: Path) -> Path:
+    """Write the sample terrain and a plan to begin with; what is there already stays.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where; it is created.
+
+    Returns
+    -------
+    pathlib.Path
+        File of the plan.
+    """
+    from survey.terrain.real import real_sample, sample_site
+
+    folder.mkdir(parents=True, exist_ok=True)
+    terrain, plan_file = folder / f"{_NAME}.tif", folder / f"{_NAME}{SUFFIX}"
+    if not terrain.exists():
+        real_sample().write(terrain)
+    if not plan_file.exists():
+        site = sample_site()
+        west, south, east, north = (round(limit, -1) for limit in site.bounds)
+        bounds = (west - 200.0, south - 200.0, east + 200.0, north + 200.0)
+        area = SurveyArea.rectangle(bounds, site.prior.crs)
+        document = PlanDocument.of_area(area).model_copy(update={"starts": ((west - 150.0, south - 150.0),)})
+        StoredHistory(plan_file, terrain.name, document).write()
+    return plan_file

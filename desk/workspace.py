@@ -13,7 +13,7 @@ from desk.plan.document import PlanDocument
 from desk.plan.history import SUFFIX, StoredHistory
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
-from firnline.cli.rasters import own_crs
+from firnline.actions.interface import own_crs
 from survey.core.map_scale import MapScale
 from survey.data.dem import Dem
 

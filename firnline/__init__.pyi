@@ -25,6 +25,7 @@ from sim.mission.stages import run_mission as run_mission
 from sim.simulate.simulation import simulate as simulate
 from sim.world.sample_survey import SampleSurvey as SampleSurvey
 from sim.world.sample_survey import sample_survey as sample_survey
+from sim.world.site import SharedWorld as SharedWorld
 from sim.world.site import World as World
 from sim.world.site import build_world as build_world
 from survey.core.errors import CapacityError as CapacityError

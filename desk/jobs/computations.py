@@ -1,16 +1,27 @@
-"""Computations of a plan that take longer than a moment: guarantee of a class, error against swaths."""
+"""Computations that take longer than a moment: guarantee of a class, error against swaths, a survey that is watched."""
 
+import json
 from collections.abc import Iterator
+from pathlib import Path
+from time import sleep
 from typing import Any
+
+from pyproj import CRS
 
 from desk.jobs.job import Job
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlanner
 from desk.plan.request import command_of, requirement_request
-from firnline.cli.planning.guarantee import refusal_text, requirement_of
+from desk.runs import layers_of
+from firnline.actions.guaranteeing import refusal_text, requirement_of
+from firnline.actions.watching import text_of
+from live.watch.log import entered, watch_of
+from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.guarantee import Guarantee, guarantee
+from survey.core.crs import same_crs
 from survey.core.errors import ConfigError, InputError
 from survey.core.text import length_text
+from survey.data.dem import Dem
 
 _FACTORS = (0.25, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 _MOST_SWATHS = 120
@@ -80,3 +91,77 @@ def _numbers(chosen: Any) -> Iterator[int]:
     yield chosen
     others = {max(1, round(factor * chosen)) for factor in _FACTORS} - {chosen}
     yield from (n for n in sorted(others) if n <= _MOST_SWATHS)
+
+
+_POLL_S = 0.5
+
+
+def watched(file: Path, crs: CRS, job: Job) -> dict[str, Any]:
+    """Follow a log of ``firnline watch`` until the survey ends.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        That grows.
+    crs : CRS
+        Of the desk.
+    job : Job
+        Takes the events ``watch`` with a ``text``, and ``grown`` with pictures of the map and its standard deviation.
+
+    Returns
+    -------
+    dict
+        A ``sentence`` about the end of the survey.
+
+    Raises
+    ------
+    InputError
+        There is no log, it is damaged, or the survey is in another CRS.
+    """
+    if not file.is_file():
+        raise InputError(
+            f"there is no log {file.name} beside the plan; start firnline watch with --log {file.name}."
+        )
+    text, watch = "", None
+    for line in _log_lines(file, job):
+        try:
+            entry = json.loads(line)
+            if watch is None:
+                watch = watch_of(entry)
+                same_crs(crs, watch.area.crs, "the desk and the survey")
+            events = entered(watch, entry) if "in" in entry else []
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{file.name} is no log of firnline watch ({error}); name another one."
+            ) from error
+        for event in events:
+            text = _reported(event, watch, job)
+        if watch.is_stopped:
+            break
+    return {"sentence": text}
+
+
+def _reported(event: dict[str, Any], watch: SurveyWatch, job: Job) -> str:
+    """Report an event, and the map after an update."""
+    text = text_of(event)
+    job.report("watch", text=text, do=event.get("do", ""))
+    if event["event"] == "map" and watch.latest_map is not None:
+        n_swaths = sum(leg.kind == "swath" for leg in watch.progress.driven)
+        of = sum(leg.kind == "swath" for leg in watch.legs)
+        fields = (Dem.on(watch.grid, field) for field in watch.latest_map)
+        job.report("grown", swaths=n_swaths, of=of, **layers_of(*fields))
+    return text
+
+
+def _log_lines(file: Path, job: Job) -> Iterator[str]:
+    """Yield the complete lines of a file as it grows, until the job is given up."""
+    with file.open(encoding="utf-8") as stream:
+        part = ""
+        while True:
+            part += stream.readline()
+            if part.endswith("\n"):
+                yield part
+                part = ""
+            else:
+                job.require_wanted()
+                sleep(_POLL_S)

@@ -1,23 +1,33 @@
-"""Run of the mission of a plan, with its stages reported."""
+"""Run of the mission of a plan: its stages, the latest image, and the map as it grows."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
+import numpy as np
+from scipy.spatial import cKDTree
+
 from desk.jobs.job import CancelledError, Job
-from desk.runs.camera import watched_frames
-from desk.runs.growth import growing_maps
-from firnline.cli.mission_file import best_class, summary
-from firnline.cli.progress import logged_to
+from desk.runs import map_layers
+from firnline.actions.missions import logged_to, summary
+from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission
+from sim.world.site import SharedWorld
+from survey.core.arrays import IntArray
 from survey.core.run_folder import STAGES, RunFolder
 from survey.data.area import SurveyArea
+from survey.data.grid import Grid
+from survey.data.route import Route
+from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
+from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.kernels import Kernel
+from survey.reconstruction.mapping import reconstruct
 
 _MOST_PLACES = 1500
 
@@ -25,7 +35,8 @@ _MOST_PLACES = 1500
 def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str, Any]:
     """Run a mission and report its stages, images, paths, and the map as it grows."""
     mission = read_mission(mission_file)
-    run = open_run(mission, mission_file.parent / "runs")
+    world = SharedWorld(mission)
+    run = open_run(mission, mission_file.parent / "runs", world=world)
 
     @contextmanager
     def watch(stage: str) -> Iterator[None]:
@@ -37,7 +48,7 @@ def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str
             _report_drive(run, kernel, job)
 
     with logged_to(run.log_file, 0):
-        run_mission(mission, run, watch=watch, workers=1)
+        run_mission(mission, run, watch=watch, workers=1, world=world)
     content = summary(run)
     job.files["report"] = run.folder("report")
     score = content["score"]
@@ -73,3 +84,97 @@ def _places(paths: Sequence[Trajectory]) -> list[list[list[float]]]:
     """Return the places of paths, thinned for the map."""
     places = [path.position[:, :2] for path in paths]
     return [path[:: max(1, len(path) // _MOST_PLACES)].round(2).tolist() for path in places]
+
+
+_MOST_MAPS = 12
+_MOST_POINTS = 700
+_NODES_ALONG = 36
+_SAMPLE_STEP_M = 2.0
+
+
+def growing_maps(run: RunFolder, kernel: Kernel) -> Iterator[dict[str, Any]]:
+    """Map the landmarks of the first swaths, and of more swaths each time, on a coarse grid.
+
+    Parameters
+    ----------
+    run : RunFolder
+        Localized.
+    kernel : Kernel
+        Covariance of the terrain, with which the error of the plan was predicted.
+
+    Yields
+    ------
+    dict
+        ``swaths`` that were driven ``of`` all, and the pictures ``elevation`` and ``sigma``. The final map of the
+        run is made from all landmarks and finer.
+    """
+    area = SurveyArea.read(run.folder("plan") / "area.gpkg")
+    route = Route.read(run.folder("simulate") / "driven_route.geojson")
+    places = drive_folders(run.folder("localize"))
+    parts = [SurfacePoints.read(place / "surface_points.gpkg") for place in places]
+    xyz, sigma = np.vstack([part.xyz for part in parts]), np.concatenate([part.sigma_z for part in parts])
+    swath = _swath_of(route, xyz[:, :2])
+    xmin, ymin, xmax, ymax = area.bounds
+    grid = Grid.over(area.bounds, max(xmax - xmin, ymax - ymin) / _NODES_ALONG, area.crs)
+    config = GaussianProcessConfig(fit=False, kernel=kernel)
+    n_swaths = len(route.swaths)
+    for n in np.unique(np.linspace(1, n_swaths, min(n_swaths, _MOST_MAPS)).round().astype(int)):
+        chosen = np.flatnonzero(swath < n)
+        chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POINTS))]
+        if len(chosen) < 3:
+            continue
+        points = SurfacePoints(xyz[chosen], sigma_m=sigma[chosen], crs=area.crs)
+        map_ = reconstruct(points, grid, method="dense", config=config, area=area)
+        yield {"swaths": int(n), "of": n_swaths, **map_layers(map_)}
+
+
+def _swath_of(route: Route, xy: Any) -> IntArray:
+    """Return for each place the number of the swath, in driving order, that passes it nearest."""
+    samples, owner = [], []
+    for k, leg in enumerate(route.swaths):
+        along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(leg.xy, axis=0).T))]
+        at = np.linspace(0.0, along[-1], max(2, int(along[-1] / _SAMPLE_STEP_M)))
+        samples.append(np.column_stack([np.interp(at, along, leg.xy[:, axis]) for axis in (0, 1)]))
+        owner.append(np.full(len(at), k))
+    nearest = cKDTree(np.vstack(samples)).query(xy)[1]
+    numbers: IntArray = np.concatenate(owner)[nearest]
+    return numbers
+
+
+_EVERY_S = 0.7
+
+
+@contextmanager
+def watched_frames(place: Path, report: Callable[[Path], None]) -> Iterator[None]:
+    """Report new images below a folder while the body runs.
+
+    Parameters
+    ----------
+    place : pathlib.Path
+        Folder of a run; images lie in folders ``frames`` below it, also below drafts of stages.
+    report : callable
+        Called with the latest complete image, in a thread of its own.
+    """
+    ended = Event()
+
+    def follow() -> None:
+        shown: Path | None = None
+        while not ended.wait(_EVERY_S):
+            frame = latest_frame(place)
+            if frame is not None and frame != shown:
+                shown = frame
+                report(frame)
+
+    thread = Thread(target=follow, name="desk-camera", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def latest_frame(place: Path) -> Path | None:
+    """Return the last image but one below a folder, which is complete; None where there are fewer than two."""
+    frames = sorted(place.glob("**/frames/*.png"))
+    return frames[-2] if len(frames) > 1 else None

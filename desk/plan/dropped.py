@@ -8,8 +8,8 @@ import numpy as np
 from pyproj import CRS
 
 from desk.plan.document import PlanDocument
-from desk.terrain.palette import ELEVATION
-from desk.terrain.pictures import picture
+from desk.terrain.shading import ELEVATION
+from desk.terrain.tiles import picture
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
@@ -57,7 +57,7 @@ def _shapes(file: Path, crs: CRS) -> dict[str, Any]:
 
 
 def _raster(file: Path, crs: CRS) -> dict[str, Any]:
-    from firnline.cli.rasters import own_crs
+    from firnline.actions.interface import own_crs
     from survey.core.crs import same_crs
 
     stated = own_crs(file)

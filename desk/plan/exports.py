@@ -1,30 +1,182 @@
-"""Files of a plan, as ``firnline plan`` and ``firnline export`` write them."""
+"""Files of a plan: routes, sheets and areas as the commands write them, missions, stakes and checkpoints."""
 
+import csv
 import io
+import math
+import re
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
+import tomlkit
 
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
-from desk.plan.mission_files import write_mission
-from desk.plan.point_files import write_points
 from desk.plan.request import request_of
-from firnline.cli.planning.outputs import write_plan as write_outputs
-from firnline.cli.rasters import read_about
+from firnline.actions.exporting import knows_heights, write_route
+from firnline.actions.interface import read_about
+from firnline.actions.plan_request import write_plan as write_outputs
+from sim.config.mission import MissionConfig
+from survey.core.arrays import FloatArray
+from survey.core.config import validated
 from survey.core.errors import InputError
+from survey.core.files import replacing
+from survey.core.transformation import WGS84, transformed
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.interchange.missions import Surroundings
-from survey.interchange.route_formats import write_plan
+from survey.io.vector import require_transformation, write_features
+
+_MOST_TERRAIN_CELLS = 4_000_000
+_MARGIN_CELLS = 2.0
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
+
+
+def write_mission(live: LivePlan, document: PlanDocument, name: str, folder: Path) -> Path:
+    """Write a mission file with the area and the prior that it names.
+
+    The true terrain of its simulation is drawn about the prior, as ``role = "prior"`` in a mission file says.
+
+    Parameters
+    ----------
+    live : LivePlan
+        The plan.
+    document : PlanDocument
+        From which it was made.
+    name : str
+        Name of the plan.
+    folder : pathlib.Path
+        Where; it is created.
+
+    Returns
+    -------
+    pathlib.Path
+        The mission file.
+
+    Raises
+    ------
+    ConfigError
+        A setting that a mission does not have.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = _NOT_IN_NAMES.sub("-", name).strip("-._") or "survey"
+    content = _mission(live, document, stem)
+    validated(MissionConfig, content, "the mission of the plan")
+    live.plan.area.write(folder / f"{stem}.gpkg")
+    _mission_prior(live).write(folder / f"{stem}_prior.tif")
+    place = folder / f"{stem}.toml"
+    with replacing(place) as draft:
+        draft.write_text(tomlkit.dumps(content), encoding="utf-8")
+    return place
+
+
+def _mission_prior(live: LivePlan) -> Dem:
+    """Return the cells of the prior on the area and two more to each side."""
+    if live.plan.prior is None:
+        raise InputError("a mission needs a prior; open the desk with a raster of elevations.")
+    prior = live.plan.prior
+    west, south, east, north = live.plan.area.bounds
+    margin_m = _MARGIN_CELLS * prior.step_m
+    return prior.window((west - margin_m, south - margin_m, east + margin_m, north + margin_m))
+
+
+def _mission(live: LivePlan, document: PlanDocument, stem: str) -> dict[str, Any]:
+    """Return the settings of the mission; those at their defaults are left out."""
+    given = document.model_dump(mode="json")
+    sections = {name: _stated(given[name]) for name in ("planner", "rover", "fleet")}
+    terrain = {"source": "dem", "file": f"{stem}_prior.tif", "role": "prior", "step_m": _step_m(live)}
+    return {
+        "schema_version": 1,
+        "name": stem,
+        "fidelity": "statistical",
+        **_stated(given["simulation"]),
+        "terrain": terrain,
+        "area": {"file": f"{stem}.gpkg"},
+        **{name: values for name, values in sections.items() if values},
+    }
+
+
+def _stated(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _step_m(live: LivePlan) -> float:
+    """Return the cell of the fine terrain: a metre, more where there would be too many."""
+    xmin, ymin, xmax, ymax = _mission_prior(live).bounds
+    least = math.sqrt((xmax - xmin) * (ymax - ymin) / _MOST_TERRAIN_CELLS)
+    return float(max(1, math.ceil(least)))
+
+
+_COLUMNS = ("name", "kind", "easting_m", "northing_m", "longitude_deg", "latitude_deg", "prior_height_m")
+
+
+def write_points(document: PlanDocument, area: SurveyArea, prior: Dem | None, file: Path) -> None:
+    """Write stakes and checkpoints with names, as CSV, GPX or GeoPackage by the ending.
+
+    Parameters
+    ----------
+    document : PlanDocument
+        With at least one stake or checkpoint.
+    area : SurveyArea
+        States the CRS.
+    prior : Dem, optional
+        For heights by which points are found.
+    file : pathlib.Path
+        Ends in ``.csv``, ``.gpx`` or ``.gpkg``.
+
+    Raises
+    ------
+    InputError
+        No point is drawn, or the CRS is not tied to the Earth.
+    """
+    named = list(_named(document))
+    if not named:
+        raise InputError("no stake and no checkpoint is marked; mark one on the map first.")
+    require_transformation(area.crs, file)
+    names, kinds = [name for name, _, _ in named], [kind for _, kind, _ in named]
+    xy = np.array([place for _, _, place in named])
+    degrees = transformed(xy, area.crs, WGS84, "the points")
+    heights = np.full(len(xy), np.nan) if prior is None else prior.at(xy)
+    if file.suffix == ".csv":
+        _write_csv(file, names, kinds, np.column_stack([xy, degrees, heights]))
+        return
+    is_gpx = file.suffix == ".gpx"
+    columns = {
+        "name": np.array(names, dtype=object),
+        ("type" if is_gpx else "kind"): np.array(kinds, dtype=object),
+    }
+    places = shapely.points(degrees if is_gpx else xy)
+    write_features(
+        file, list(places), columns, WGS84 if is_gpx else area.crs, layer="waypoints" if is_gpx else "points"
+    )
+
+
+def _named(document: PlanDocument) -> Iterator[tuple[str, str, tuple[float, float]]]:
+    """Yield name, kind and place of each point."""
+    for kind, letter, places in (("stake", "S", document.stakes), ("checkpoint", "C", document.checkpoints)):
+        for k, place in enumerate(places, 1):
+            yield f"{letter}{k:02d}", kind, place
+
+
+def _write_csv(file: Path, names: list[str], kinds: list[str], values: FloatArray) -> None:
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_COLUMNS)
+    for name, kind, (x, y, longitude, latitude, height) in zip(names, kinds, values, strict=True):
+        known = "" if np.isnan(height) else f"{height:.2f}"
+        rows.writerow([name, kind, f"{x:.3f}", f"{y:.3f}", f"{longitude:.9f}", f"{latitude:.9f}", known])
+    with replacing(file) as draft:
+        draft.write_text(text.getvalue(), encoding="utf-8")
+
 
 _ROUTES = (".geojson", ".gpkg")
 _AREAS = ("area.gpkg", "area.geojson", "area.kml")
-_POINTS = ("points.csv", "points.gpx", "points.gpkg")
+_POINT_FILES = ("points.csv", "points.gpx", "points.gpkg")
 _SHEETS = (".pdf", ".qgz")
 _MISSIONS = (".plan", ".waypoints")
 _OTHERS = (".gpx", ".kml", ".kmz", ".csv", ".wkt")
@@ -34,7 +186,7 @@ KINDS: Sequence[str] = (
     *_MISSIONS,
     *_SHEETS,
     *_AREAS,
-    *_POINTS,
+    *_POINT_FILES,
     "sigma.tif",
     "mission.zip",
 )
@@ -82,7 +234,7 @@ class PlanExport(NamedTuple):
             plan.route.write(place)
         elif kind in _AREAS:
             plan.area.write(place)
-        elif kind in _POINTS:
+        elif kind in _POINT_FILES:
             write_points(self.document, plan.area, plan.prior, place.with_stem(f"{self.name}_points"))
         elif kind in _SHEETS:
             request = request_of(self.document, folder.parent / f"{self.name}.gpkg", self.terrain, place)
@@ -92,7 +244,8 @@ class PlanExport(NamedTuple):
         elif kind == "mission.zip":
             write_mission(self.live, self.document, self.name, folder)
         else:
-            _write_for_others(plan.route, place, Surroundings(plan.area, _terrain(plan.route, self.terrain)))
+            around = Surroundings(plan.area, _terrain(plan.route, self.terrain))
+            write_route(plan.route, around, place)
 
     def _write_sigma(self, file: Path) -> None:
         drawing = self.live.plan.drawing
@@ -103,21 +256,12 @@ class PlanExport(NamedTuple):
         std.write(file, "sigma_m")
 
 
-def _write_for_others(route: Route, file: Path, around: Surroundings) -> None:
-    """Write one file, or a mission for each rover."""
-    if route.n_rovers == 1 or file.suffix not in _MISSIONS:
-        write_plan(route, file, around=around)
-        return
-    for rover in range(route.n_rovers):
-        write_plan(route, file.with_stem(f"{file.stem}_rover{rover + 1}"), rover=rover, around=around)
-
-
 def _terrain(route: Route, terrain: Path) -> Dem | None:
     """Return the prior along the route; None where it does not know the height of every waypoint."""
     places = np.vstack([leg.xy for leg in route.legs])
     bounds = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
     prior = read_about(terrain, bounds, route.crs, "the prior")
-    return prior if np.isfinite(prior.at(places)).all() else None
+    return prior if knows_heights(prior, route) else None
 
 
 def _packed(folder: Path, files: Sequence[Path]) -> bytes:

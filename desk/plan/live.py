@@ -1,23 +1,86 @@
 """Plan while a survey is drawn: routes and predicted errors of a document, with a cache of repeated results."""
 
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from pyproj import CRS
 
 import planners
 from desk.plan.document import PlanDocument
 from desk.plan.request import request_of
-from desk.plan.result_cache import ResultCache
-from firnline.cli.planning.area import AreaPlan, area_plan, checked_options, prior_kernel
-from firnline.cli.rasters import read_about
+from firnline.actions.interface import read_about
+from firnline.actions.planning import AreaPlan, area_plan, checked_options, prior_kernel
 from planners.routes.rover import Crew, homes_of
 from survey.core.arrays import Bounds
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.gp.kernels import Kernel
+
+_MOST = 24
+Value = TypeVar("Value")
+
+
+class ResultCache(Generic[Value]):
+    """Results by key, the latest ones; each is computed once, also when several threads ask for it.
+
+    Examples
+    --------
+    >>> squares = ResultCache[int]()
+    >>> squares.computed(3, lambda: 9), squares.get(3), squares.get(4)
+    (9, 9, None)
+    """
+
+    def __init__(self) -> None:
+        self._values: OrderedDict[Hashable, Value] = OrderedDict()
+        self._busy: dict[Hashable, Lock] = {}
+        self._lock = Lock()
+
+    def get(self, key: Hashable) -> Value | None:
+        """Return a result that is there; None for another key."""
+        with self._lock:
+            return self._values.get(key)
+
+    def latest(self) -> Value | None:
+        """Return the result that was asked for last."""
+        with self._lock:
+            return next(reversed(self._values.values()), None)
+
+    def computed(self, key: Hashable, compute: Callable[[], Value]) -> Value:
+        """Return a result, computed where it is not there yet.
+
+        Parameters
+        ----------
+        key : hashable
+            Names the result.
+        compute : callable
+            Returns it; an exception is passed on and nothing is stored.
+
+        Returns
+        -------
+        object
+            The result.
+        """
+        with self._lock:
+            busy = self._busy.setdefault(key, Lock())
+        try:
+            with busy:
+                found = self.get(key)
+                return self._store(key, compute() if found is None else found)
+        finally:
+            with self._lock:
+                self._busy.pop(key, None)
+
+    def _store(self, key: Hashable, value: Value) -> Value:
+        with self._lock:
+            self._values[key] = value
+            self._values.move_to_end(key)
+            while len(self._values) > _MOST:
+                self._values.popitem(last=False)
+        return value
 
 
 class LivePlan(NamedTuple):

@@ -1,4 +1,4 @@
-"""Start of the desk: a socket on 127.0.0.1, the server, the browser."""
+"""Application of the desk, its socket on 127.0.0.1, and the browser."""
 
 import logging
 import socket
@@ -8,12 +8,73 @@ from threading import Thread
 
 import typer
 import uvicorn
+from starlette.applications import Starlette
+from starlette.routing import Route
 
-from desk.demo import write_demo
-from desk.server.app import desk_app
+from desk.server import job_routes as jobs
+from desk.server import map_routes as maps
+from desk.server import plan_routes as plan
+from desk.server import replies
 from desk.server.gate import Gate
-from desk.sources import open_workspace
-from survey.core.errors import InputError
+from desk.server.replies import refused
+from desk.sources import open_workspace, write_demo
+from desk.workspace import Workspace
+from survey.core.errors import FirnlineError, InputError
+
+_ROUTES = (
+    Route("/", replies.page),
+    Route("/static/{name:path}", replies.asset),
+    Route("/api/site", maps.site),
+    Route("/api/fields", maps.fields),
+    Route("/api/style", maps.style),
+    Route("/api/contours", maps.contours),
+    Route("/api/heights", maps.heights, methods=["POST"]),
+    Route("/tiles/{layer}/{zoom:int}/{column:int}/{row:int}.png", maps.tile),
+    Route("/api/plan", plan.state),
+    Route("/api/edit", plan.edit, methods=["POST"]),
+    Route("/api/undo", plan.undo, methods=["POST"]),
+    Route("/api/redo", plan.redo, methods=["POST"]),
+    Route("/api/route", plan.route),
+    Route("/api/error", plan.error),
+    Route("/api/drive", plan.drive),
+    Route("/api/export/{kind}", plan.export),
+    Route("/api/dropped", plan.dropped_file, methods=["POST"]),
+    Route("/api/variants", plan.table),
+    Route("/api/variants", plan.add, methods=["POST"]),
+    Route("/api/variants/{index:int}", plan.remove, methods=["DELETE"]),
+    Route("/api/jobs", jobs.start, methods=["POST"]),
+    Route("/api/jobs/{job}", jobs.cancel, methods=["DELETE"]),
+    Route("/api/jobs/{job}/events", jobs.events),
+    Route("/api/jobs/{job}/report/{name}", jobs.report),
+    Route("/api/jobs/{job}/frame", jobs.frame),
+    Route("/api/runs", maps.run_table),
+    Route("/api/runs/{run}/minus/{other}", maps.run_difference),
+    Route("/api/runs/{run}/layers/{layer}", maps.run_layer_of),
+    Route("/api/runs/{run}/report/{name}", maps.run_report),
+    Route("/api/measured", jobs.show),
+    Route("/api/measured/{role}", jobs.take, methods=["POST"]),
+    Route("/api/checkpoints", jobs.checkpoints, methods=["POST"]),
+)
+
+
+def desk_app(workspace: Workspace) -> Starlette:
+    """Return the application, without the gate that keeps others out.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Terrain and plan.
+
+    Returns
+    -------
+    starlette.applications.Starlette
+        Serve it behind `desk.server.gate.Gate` only.
+    """
+    handlers = {FirnlineError: refused, Exception: refused}
+    app = Starlette(routes=list(_ROUTES), exception_handlers=handlers)
+    app.state.workspace = workspace
+    return app
+
 
 _DEMO_FOLDER = Path("firnline-desk-demo")
 
@@ -40,8 +101,7 @@ def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, dem
 
 def _load_planners() -> None:
     """Import what the first plan needs, and load what it has compiled, while the page is opened."""
-    import desk.plan.error_map
-    import desk.plan.fields
+    import desk.plan.request
     import desk.plan.summary  # noqa: F401
     from desk.plan.live import plan_once
 

@@ -1,4 +1,4 @@
-"""Elevation pyramid: a raster at resolutions that halve from level to level."""
+"""Elevation pyramid: a raster at halved resolutions, and heights at places."""
 
 import math
 from contextlib import ExitStack
@@ -10,12 +10,73 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from desk.terrain.levels import block_means, level_for
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import projected_crs
 from survey.core.errors import InputError
 from survey.io.raster import read_window
 from survey.io.raster.opening import check_band, check_transform, open_dataset
+
+
+def level_for(width: float, height: float, most_cells: int) -> int:
+    """Return the finest level on which a window of so many cells of the raster has few enough cells.
+
+    Parameters
+    ----------
+    width, height : float
+        Size of the window in cells of the raster.
+    most_cells : int
+        Largest number of cells on the level.
+
+    Returns
+    -------
+    int
+        0 for the cells of the raster themselves.
+
+    Examples
+    --------
+    >>> level_for(100.0, 100.0, 20_000), level_for(1000.0, 1000.0, 20_000)
+    (0, 3)
+    """
+    level = 0
+    while (width / 2**level + 3) * (height / 2**level + 3) > most_cells:
+        level += 1
+    return level
+
+
+def block_means(values: FloatArray, n: int) -> FloatArray:
+    """Average squares of n × n cells over the cells that are known; NaN where none is.
+
+    Parameters
+    ----------
+    values : (H, W) ndarray
+        NaN where nothing is known.
+    n : int
+        Side of the squares; those at the southern and eastern edge may be cut.
+
+    Returns
+    -------
+    (ceil(H / n), ceil(W / n)) ndarray
+        Means.
+
+    Examples
+    --------
+    >>> block_means(np.array([[1.0, 3.0, 5.0], [np.nan, 2.0, 7.0]]), 2)
+    array([[2., 6.]])
+    """
+    if n == 1:
+        return values
+    height, width = values.shape
+    if height % n or width % n:
+        values = np.pad(values, ((0, -height % n), (0, -width % n)), constant_values=np.nan)
+    blocks = values.reshape(values.shape[0] // n, n, values.shape[1] // n, n)
+    known = np.isfinite(blocks)
+    if known.all():
+        means: FloatArray = blocks.mean(axis=(1, 3))
+        return means
+    counts = known.sum(axis=(1, 3))
+    sums = np.where(known, blocks, 0.0).sum(axis=(1, 3))
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
 
 _MOST_CELLS_IN_MEMORY = 4_000_000
 _STRIP_CELLS = 4_000_000
@@ -160,3 +221,49 @@ def _window(column: int, row: int, columns: int, rows: int) -> Any:
     from rasterio.windows import Window
 
     return Window(column, row, columns, rows)
+
+
+_MOST_CELLS = 4_000_000
+
+
+def heights_at(pyramid: ElevationPyramid, places: FloatArray) -> FloatArray:
+    """Interpolate bilinearly on the finest level on which all places fit into memory.
+
+    Parameters
+    ----------
+    pyramid : ElevationPyramid
+        The terrain.
+    places : (N, 2) ndarray
+        Easting and northing [m].
+
+    Returns
+    -------
+    (N,) ndarray
+        Height [m]; NaN off the terrain and beside unknown cells.
+    """
+    t, (n_rows, n_columns) = pyramid.transform, pyramid.shape
+    column, row = (places[:, 0] - t.c) / t.a, (places[:, 1] - t.f) / t.e
+    inside = (
+        np.isfinite(places).all(axis=1) & (column >= 0) & (column <= n_columns) & (row >= 0) & (row <= n_rows)
+    )
+    heights = np.full(len(places), np.nan)
+    if not inside.any():
+        return heights
+    column, row = column[inside], row[inside]
+    level = level_for(float(np.ptp(column)), float(np.ptp(row)), _MOST_CELLS)
+    u, v = column / 2**level - 0.5, row / 2**level - 0.5
+    first_u, first_v = int(np.floor(u.min())), int(np.floor(v.min()))
+    size = (int(v.max()) - first_v + 3, int(u.max()) - first_u + 3)
+    heights[inside] = _between(pyramid.window(level, first_v, first_u, *size), u - first_u, v - first_v)
+    return heights
+
+
+def _between(cells: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Interpolate between the centres of cells; beside an unknown cell the nearest one counts."""
+    i, j = np.floor(v).astype(np.int64), np.floor(u).astype(np.int64)
+    s, t = u - j, v - i
+    upper = cells[i, j] * (1 - s) + cells[i, j + 1] * s
+    lower = cells[i + 1, j] * (1 - s) + cells[i + 1, j + 1] * s
+    nearest = cells[i + (t >= 0.5), j + (s >= 0.5)]
+    blended = upper * (1 - t) + lower * t
+    return np.where(np.isfinite(blended), blended, nearest)

@@ -1,6 +1,8 @@
-"""Map tiles: squares of 256 pixels of a terrain layer as PNG."""
+"""Images of rasters for the map: tiles of the terrain, contour lines, and pictures with their place."""
 
+import base64
 import io
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, Literal, get_args
 
@@ -8,8 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from desk.terrain.pyramid import ElevationPyramid
-from desk.terrain.shading import TerrainStyle
+from desk.terrain.pyramid import ElevationPyramid, Overview
+from desk.terrain.shading import Table, TerrainStyle, colour_of, legend_colours
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.text import round_number
+from survey.data.dem import Dem
 
 TILE_CELLS = 256
 Layer = Literal["relief", "slope"]
@@ -65,3 +70,101 @@ def png_bytes(pixels: npt.NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels, "RGBA").save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
+
+
+_MOST_CELLS = 60_000
+_N_INTERVALS = 14.0
+_EACH_INDEX_LINE = 5
+_TOLERANCE_CELLS = 0.1
+
+
+def contour_lines(pyramid: ElevationPyramid, bounds: Bounds) -> dict[str, Any]:
+    """Return contour lines within bounds, at an interval that suits their relief.
+
+    Parameters
+    ----------
+    pyramid : ElevationPyramid
+        The terrain.
+    bounds : tuple of float
+        ``(xmin, ymin, xmax, ymax)`` [m].
+
+    Returns
+    -------
+    dict
+        ``interval_m``, and ``lines`` with ``height_m``, ``is_index`` (every fifth one) and ``places``.
+    """
+    part = pyramid.over(bounds, _MOST_CELLS)
+    known = part.heights[np.isfinite(part.heights)]
+    if len(known) == 0 or min(part.heights.shape) < 2:
+        return {"interval_m": 0.0, "lines": []}
+    low, high = np.percentile(known, [1.0, 99.0])
+    interval_m = round_number(max(float(high - low), 0.1) / _N_INTERVALS)
+    first, last = int(np.ceil(known.min() / interval_m)), int(np.floor(known.max() / interval_m))
+    lines = [line for k in range(first, last + 1) for line in _lines_at(part, k, interval_m)]
+    return {"interval_m": interval_m, "lines": lines}
+
+
+def _lines_at(part: Overview, k: int, interval_m: float) -> Iterator[dict[str, Any]]:
+    """Yield the lines of one height."""
+    from skimage.measure import approximate_polygon, find_contours  # takes a moment to import
+
+    height_m = k * interval_m
+    for line in find_contours(part.heights, height_m):  # type: ignore[no-untyped-call]
+        thinned = approximate_polygon(line, _TOLERANCE_CELLS)  # type: ignore[no-untyped-call]
+        if len(thinned) > 1:
+            places = _places(part, thinned).round(2).tolist()
+            yield {
+                "height_m": round(height_m, 6),
+                "is_index": k % _EACH_INDEX_LINE == 0,
+                "places": places,
+            }
+
+
+def _places(part: Overview, line: FloatArray) -> FloatArray:
+    """Return eastings and northings (N, 2) of rows and columns of cell centres."""
+    places: FloatArray = np.column_stack(
+        [part.west + (line[:, 1] + 0.5) * part.cell_m, part.north - (line[:, 0] + 0.5) * part.cell_m]
+    )
+    return places
+
+
+_MOST_PIXELS = 1024
+
+
+def picture(raster: Dem, table: Table, low: float, high: float) -> dict[str, Any]:
+    """Draw a raster in the colours of a table.
+
+    Parameters
+    ----------
+    raster : Dem
+        Values; unknown ones are transparent. A large raster is thinned.
+    table : (256, 3) ndarray of uint8
+        Colours.
+    low, high : float
+        Values at both ends of the colours.
+
+    Returns
+    -------
+    dict
+        ``bounds`` [m], ``image`` (data address of a PNG), ``limits``, ``colours``.
+    """
+    step = max(1, -(-max(raster.shape) // _MOST_PIXELS))
+    values = raster.elevation[::step, ::step]
+    rows, columns = values.shape
+    t, cell_m = raster.transform, step * raster.step_m
+    png = base64.b64encode(png_bytes(_pixels(values, table, low, high))).decode("ascii")
+    return {
+        "bounds": [t.c, t.f - rows * cell_m, t.c + columns * cell_m, t.f],
+        "image": f"data:image/png;base64,{png}",
+        "limits": [low, high],
+        "colours": legend_colours(table),
+    }
+
+
+def _pixels(values: FloatArray, table: Table, low: float, high: float) -> npt.NDArray[np.uint8]:
+    known = np.isfinite(values)
+    share = np.where(known, (values - low) / max(high - low, 1e-9), 0.0)
+    pixels = np.zeros((*values.shape, 4), dtype=np.uint8)
+    pixels[..., :3] = colour_of(table, share)
+    pixels[..., 3] = np.where(known, 255, 0)
+    return pixels

@@ -9,26 +9,21 @@ from firnline.cli.commands import (
     calibrate,
     change,
     export,
-    fit,
-    init,
+    guide,
     localize,
-    montecarlo,
+    payload,
     plan,
     reconstruct,
-    report,
     reproduce,
+    rover,
     run,
     score,
-    show,
-    simulate,
+    studies,
+    watch,
 )
-from firnline.cli.desk import desk
-from firnline.cli.guide import doctor, example, schema, topics
-from firnline.cli.guide.examples_in_help import help_of
-from firnline.cli.guide.version import options
-from firnline.cli.live import download, rover, upload, watch
+from firnline.cli.commands.desk import desk
+from firnline.cli.help import help_of, options
 from firnline.cli.outcome import run_guarded
-from firnline.cli.science import payload, rehearse, track
 
 # Allocations between two searches for reference cycles; at Python's 700 they take a tenth of the time of a report.
 _ALLOCATIONS = 50_000
@@ -45,36 +40,36 @@ app = typer.Typer(
 
 app.callback()(options)
 for command in (
-    init.init,
+    run.init,
     desk,
     plan.plan,
-    upload.upload,
-    download.download,
+    rover.upload,
+    rover.download,
     watch.watch,
     rover.rover,
-    simulate.simulate,
+    run.simulate,
     calibrate.calibrate,
     localize.localize,
     reconstruct.reconstruct,
     payload.payload,
     score.score,
     change.change,
-    track.track,
-    report.report,
+    change.track,
+    run.report,
     run.run,
-    montecarlo.montecarlo,
-    rehearse.rehearse,
-    fit.fit,
+    studies.montecarlo,
+    studies.rehearse,
+    studies.fit,
     reproduce.reproduce,
     export.export,
-    show.show,
-    doctor.doctor,
-    example.example,
-    schema.schema,
+    run.show,
+    guide.doctor,
+    guide.example,
+    guide.schema,
 ):
     app.command(help=help_of(command))(command)
-app.command("examples", hidden=True)(example.example)
-app.command("help", help=help_of(topics.help_))(topics.help_)
+app.command("examples", hidden=True)(guide.example)
+app.command("help", help=help_of(guide.help_))(guide.help_)
 
 
 def main() -> None:

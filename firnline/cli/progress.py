@@ -1,11 +1,8 @@
-"""Progress bars on stderr, and log records in the run's ``log.jsonl``."""
+"""Progress bars on stderr."""
 
-import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
-from pathlib import Path
 from types import MappingProxyType
 
 from rich.console import Console
@@ -23,7 +20,6 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from survey.core.documents import cut_incomplete_line, log_line
 from survey.core.run_folder import STAGES
 from survey.core.text import duration_text
 
@@ -108,41 +104,3 @@ def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]
             bars.update(tasks[what], completed=done, total=total)
 
         yield update
-
-
-class _JsonLines(logging.Formatter):
-    def format(self, record: logging.LogRecord) -> str:
-        when = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
-        entry = {
-            "time": when,
-            "level": record.levelname.lower(),
-            "logger": record.name,
-            "message": record.getMessage(),
-        }
-        return log_line(entry)
-
-
-@contextmanager
-def logged_to(path: Path, verbose: int) -> Iterator[None]:
-    """Append log records of firnline's packages to a file of JSON lines; echo warnings, and with -v all of them."""
-    cut_incomplete_line(path)
-    handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")]
-    handlers[0].setFormatter(_JsonLines())
-    handlers.append(logging.StreamHandler())
-    handlers[-1].setLevel(logging.DEBUG if verbose else logging.WARNING)
-    loggers = [
-        logging.getLogger(name)
-        for name in ("survey", "planners", "vision_slam", "sim", "live", "desk", "papers", "firnline")
-    ]
-    for logger in loggers:
-        logger.setLevel(logging.DEBUG)
-        for handler in handlers:
-            logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        for logger in loggers:
-            for handler in handlers:
-                logger.removeHandler(handler)
-        for handler in handlers:
-            handler.close()

@@ -1,41 +1,82 @@
-"""Commands whose options are the fields of a dataclass."""
+"""Commands whose options are the fields of a request, the options that all commands share, and the printing of results."""
 
 from collections.abc import Callable
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import wraps
-from inspect import Parameter, Signature, get_annotations
-from typing import Any, TypeVar, get_type_hints
+from inspect import Parameter, Signature, get_annotations, signature
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+
+import typer
+
+from firnline.actions.interface import Argument, Option, Result
+from firnline.cli.outcome import NOT_MET
 
 Request = TypeVar("Request")
 
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Check all input and print what would be done; write nothing.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+Verbose = Annotated[
+    int, typer.Option("--verbose", "-v", count=True, help="More detail in the log; -vv shows tracebacks.")
+]
 
-def with_options_of(request: type[Request]) -> Callable[[Callable[[Request], None]], Callable[..., None]]:
+
+@dataclass(frozen=True, kw_only=True)
+class Printing:
+    """Options of how a command reports its work."""
+
+    dry_run: DryRun = False
+    as_json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = 0
+
+
+def with_options_of(request: type[Request]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options that a dataclass declares, and call it with one instance.
 
+    Parameters
+    ----------
+    request : type
+        A dataclass whose fields are annotated by `firnline.actions.interface.Argument` and `Option`, or as typer's. Its
+        own fields come first in ``--help``, then those of its bases, then further parameters of the command; the fields of
+        one that is a dataclass, such as `Printing`, become options of their own.
+
+    Returns
+    -------
+    callable
+        Decorator for a function whose first argument is the request.
+
+    Examples
+    --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Greeting:
     ...     name: str
     ...     times: int = 1
     >>> @with_options_of(Greeting)
-    ... def greet(request):
-    ...     print(" ".join(["hello", request.name] * request.times))
+    ... def greet(request, loud: bool = False):
+    ...     print(" ".join(["HELLO" if loud else "hello", request.name] * request.times))
     >>> greet(name="ice", times=2)
     hello ice hello ice
     """
-    hints = get_type_hints(request, include_extras=True)
-    by_name: dict[str, Field[Any]] = {field.name: field for field in fields(request)}  # type: ignore[arg-type]
-    parameters = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=_default(by_name[name]), annotation=hints[name])
-        for kind in request.__mro__
-        for name in get_annotations(kind)
-        if name in by_name
-    ]
 
-    def decorated(command: Callable[[Request], None]) -> Callable[..., None]:
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        further = list(signature(command).parameters.values())[1:]
+        groups = [one for one in further if is_dataclass(one.annotation)]
+        single = [one for one in further if one not in groups]
+        parameters = [
+            *_parameters(request),
+            *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in single),
+            *(part for group in groups for part in _parameters(group.annotation)),
+        ]
+
         @wraps(command)
         def called(**options: Any) -> None:
-            command(request(**options))
+            own = {one.name: options.pop(one.name, one.default) for one in single}
+            own |= {one.name: _taken(one.annotation, options) for one in groups}
+            command(request(**options), **own)
 
         vars(called)["__signature__"] = Signature(parameters)
         called.__annotations__ = {one.name: one.annotation for one in parameters}
@@ -44,7 +85,68 @@ def with_options_of(request: type[Request]) -> Callable[[Callable[[Request], Non
     return decorated
 
 
+def _parameters(kind: type) -> list[Parameter]:
+    """Return the fields of a dataclass as parameters of a command, its own before those of its bases."""
+    hints = get_type_hints(kind, include_extras=True)
+    by_name: dict[str, Field[Any]] = {field.name: field for field in fields(kind)}
+    names = [name for base in kind.__mro__ for name in get_annotations(base) if name in by_name]
+    return [
+        Parameter(
+            name, Parameter.KEYWORD_ONLY, default=_default(by_name[name]), annotation=_for_typer(hints[name])
+        )
+        for name in names
+    ]
+
+
+def _taken(kind: type, options: dict[str, Any]) -> Any:
+    """Take the fields of a dataclass out of the options of a command."""
+    names = [field.name for field in fields(kind)]
+    return kind(**{name: options.pop(name) for name in names if name in options})
+
+
+def print_result(result: Result, *, as_json: bool = False, quiet: bool = False) -> None:
+    """Print the lines of a result or its JSON, and its notes on stderr; end with exit code 5 where a class is not met.
+
+    Parameters
+    ----------
+    result : Result
+        Of an action.
+    as_json : bool
+        Print JSON.
+    quiet : bool
+        Print no lines.
+
+    Raises
+    ------
+    typer.Exit
+        With exit code 5.
+    """
+    for note in result.notes:
+        typer.echo(f"firnline: {note}", err=True)
+    if as_json:
+        typer.echo(result.as_json())
+    elif not quiet:
+        for line in result.lines():
+            typer.echo(line)
+    if not result.is_met:
+        raise typer.Exit(NOT_MET)
+
+
 def _default(field: Field[Any]) -> Any:
     if field.default_factory is not MISSING:
         return field.default_factory()
     return Parameter.empty if field.default is MISSING else field.default
+
+
+def _for_typer(hint: Any) -> Any:
+    """Return an annotation with typer's options and arguments in place of those of a request."""
+    if get_origin(hint) is not Annotated:
+        return hint
+    kind, *marks = get_args(hint)
+    return Annotated[(kind, *map(_mark_for_typer, marks))]
+
+
+def _mark_for_typer(mark: Any) -> Any:
+    if isinstance(mark, Option):
+        return typer.Option(*mark.names, **mark.settings)
+    return typer.Argument(*mark.names, **mark.settings) if isinstance(mark, Argument) else mark

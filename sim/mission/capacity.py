@@ -11,7 +11,7 @@ from planners.routes.rover import Crew, homes_of
 from sim.config.mission import MissionConfig
 from sim.config.sensors import InstrumentConfig
 from sim.config.world import LARGEST_STEP_M, DemTerrain, RandomTerrain, SampleTerrain
-from sim.world.site import World, build_world
+from sim.world.site import SharedWorld, World
 from survey.core.arrays import Bounds
 from survey.core.errors import CapacityError
 from survey.data.dem import Dem
@@ -40,10 +40,30 @@ MOST_SAMPLE_CELLS = 20_000_000
 """Places at which the science-centric coverage could have been sampled."""
 
 
-def require_mission(mission: MissionConfig) -> World:
-    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world."""
+def require_mission(mission: MissionConfig, shared: SharedWorld | None = None) -> World:
+    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+    shared : SharedWorld, optional
+        Its world, which later stages use too.
+
+    Returns
+    -------
+    World
+        Terrain, prior and survey area.
+
+    Raises
+    ------
+    CapacityError
+        Names the setting and a value that would pass.
+    InputError
+        Starts that do not fit the fleet.
+    """
     require_terrain(mission)
-    world = build_world(mission)
+    world = (shared or SharedWorld(mission)).get()
     homes_of(world.area, Crew(mission.rover, mission.fleet))
     require_survey(mission, world.area.bounds)
     return world

@@ -25,6 +25,7 @@ from planners import LawnmowerConfig
 from sim.config.mission import SCHEMA_VERSION, AreaConfig, MissionConfig
 from sim.config.world import DemTerrain, RandomTerrain
 from sim.mission.capacity import require_mission
+from sim.world.site import SharedWorld
 from survey.core.arguments import check_types
 from survey.core.config import read_toml, refuse_newer_schema, validated, with_overrides
 from survey.core.documents import file_sha256
@@ -65,7 +66,9 @@ def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
 
 
 @check_types
-def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) -> RunFolder:
+def open_run(
+    mission: MissionConfig, runs: Path, *, first: str | None = None, world: SharedWorld | None = None
+) -> RunFolder:
     """Open the run folder that belongs to a mission and its input files, or create it.
 
     The world of a new mission is built once before anything is written, so that bad input is
@@ -79,6 +82,8 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
         The folder of all runs.
     first : str, optional
         Do this stage and all that follow it again. With ``"plan"`` a damaged manifest is replaced.
+    world : SharedWorld, optional
+        World of the mission, which `sim.mission.stages.run_mission` then takes and does not build again.
 
     Returns
     -------
@@ -94,7 +99,7 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
         The mission would not fit into memory; names the setting and a value that would pass.
     """
     inputs = input_checksums(mission.input_files)
-    _checked_place(mission, runs, inputs)
+    _checked_place(mission, runs, inputs, world)
     facts = {
         "mission": mission.name,
         "seed": mission.seed,
@@ -113,12 +118,14 @@ def planned_place(mission: MissionConfig, runs: Path) -> Path:
     return _checked_place(mission, runs, input_checksums(mission.input_files))
 
 
-def _checked_place(mission: MissionConfig, runs: Path, inputs: dict[str, str]) -> Path:
+def _checked_place(
+    mission: MissionConfig, runs: Path, inputs: dict[str, str], world: SharedWorld | None = None
+) -> Path:
     """Return the folder of a mission; refuse one that cannot be written, and a new mission that is too large."""
     place = RunFolder.place(runs, mission.name, resolved_text(mission), inputs)
     refuse_unwritable(place, is_folder=True)
     if not place.exists():
-        require_mission(mission)
+        require_mission(mission, world)
     return place
 
 

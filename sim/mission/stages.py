@@ -23,7 +23,7 @@ from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_
 from sim.mission.runs import refuse_other_versions
 from sim.simulate.simulation import with_way_home
 from sim.world.moving_ice import in_ice_order, write_on_ice
-from sim.world.site import build_world
+from sim.world.site import SharedWorld
 from survey.core.arguments import check_types
 from survey.core.documents import write_json
 from survey.core.run_folder import STAGES, RunFolder
@@ -45,6 +45,7 @@ def run_mission(
     until: str = "report",
     watch: StageContext = nullcontext,
     workers: int | None = None,
+    world: SharedWorld | None = None,
 ) -> None:
     """Run every stage that is not done yet, in order.
 
@@ -61,6 +62,8 @@ def run_mission(
     workers : int, optional
         Processes: rovers of a fleet drive side by side, and with one rover and images the onboard computer
         works beside the simulation, to the same bytes. As many as this process may use cores, unless given.
+    world : SharedWorld, optional
+        World of the mission, where it was built to open the run; it is released after the simulation.
 
     Raises
     ------
@@ -70,8 +73,10 @@ def run_mission(
     wanted = STAGES[: STAGES.index(until) + 1]
     _refuse_mixed_versions(run, wanted)
     n = len(os.sched_getaffinity(0)) if workers is None else workers
+    shared = world or SharedWorld(mission)
     stages = _STAGES | {
-        "simulate": partial(simulate, workers=n),
+        "plan": partial(plan, world=shared),
+        "simulate": partial(simulate, world=shared, workers=n),
         "localize": partial(estimate, workers=n),
     }
     with threadpool_limits(limits=1):  # one order of sums keeps the bytes, and spinning threads are slower
@@ -81,6 +86,8 @@ def run_mission(
                 continue
             with watch(name), run.stage(name) as folder:
                 stages[name](mission, run, folder)
+            if name == "simulate":
+                shared.release()
             logger.info("finished the stage %s", name)
 
 
@@ -92,28 +99,29 @@ def _refuse_mixed_versions(run: RunFolder, wanted: Sequence[str]) -> None:
         refuse_other_versions(run.manifest["versions"], f"the run {run.path}", remedy)
 
 
-def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+def plan(mission: MissionConfig, run: RunFolder, folder: Path, *, world: SharedWorld) -> None:
     """Plan the route from the area and the prior alone."""
-    world = build_world(mission)
-    world.area.write(folder / "area.gpkg")
-    world.prior.write(folder / "prior.tif")
-    route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
-    route = in_ice_order(route, mission, world)
+    made = world.get()
+    made.area.write(folder / "area.gpkg")
+    made.prior.write(folder / "prior.tif")
+    route = planners.plan(made.area, made.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
+    route = in_ice_order(route, mission, made)
     if mission.aids.way_home:
-        route = with_way_home(route, world.area)
+        route = with_way_home(route, made.area)
     route.write(folder / "route.geojson")
     if mission.ice is not None:
         write_on_ice(route, mission, folder)
 
 
-def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:
+def simulate(
+    mission: MissionConfig, run: RunFolder, folder: Path, *, world: SharedWorld, workers: int = 1
+) -> None:
     """Drive the route of each rover over the real terrain and record what it senses."""
-    world = build_world(mission)
     route = survey.Route.read(run.folder("plan") / "route.geojson")
     if route.n_rovers > 1:
-        drive_fleet(world, route, mission, folder, _processes(mission, workers))
+        drive_fleet(world.get(), route, mission, folder, _processes(mission, workers))
     else:
-        drive_alone(world, route, mission, folder, workers)
+        drive_alone(world.get(), route, mission, folder, workers)
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:
@@ -183,9 +191,6 @@ def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
 
 
 _STAGES: dict[str, Callable[[MissionConfig, RunFolder, Path], None]] = {
-    "plan": plan,
-    "simulate": simulate,
-    "localize": estimate,
     "reconstruct": reconstruct,
     "score": score,
     "report": report,

@@ -4,7 +4,7 @@
 a satellite product, or a raster from a file.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -44,6 +44,45 @@ class World(DataObject):
     terrain: Dem
     prior: Dem
     area: SurveyArea
+
+
+@dataclass
+class SharedWorld:
+    """World of a mission, which is built when it is first needed, and once.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+
+    Examples
+    --------
+    >>> mission = MissionConfig.model_validate(
+    ...     {"schema_version": 1, "name": "a", "terrain": {"source": "srtm-sample"}, "planner": {"pattern": "lawnmower", "swaths": 2}}
+    ... )
+    >>> world = SharedWorld(mission)
+    >>> world.get() is world.get()
+    True
+    """
+
+    mission: MissionConfig
+    _world: World | None = field(default=None, init=False, repr=False, compare=False)
+
+    def get(self) -> World:
+        """Return the world.
+
+        Returns
+        -------
+        World
+            Terrain, prior and survey area.
+        """
+        if self._world is None:
+            self._world = build_world(self.mission)
+        return self._world
+
+    def release(self) -> None:
+        """Free the memory; the world is built again when it is needed."""
+        self._world = None
 
 
 def build_world(mission: MissionConfig) -> World:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,8 +20,9 @@ from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
-from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
-from survey.reconstruction.registry import METHODS, method_named, names_where
+from survey.reconstruction.method import MappedTerrain, MappingTask, MethodSettings, ReconstructionMethod
+from survey.reconstruction.observations import sound_points
+from survey.reconstruction.registry import METHODS, LandmarkErrors, method_named, names_where
 from survey.reconstruction.terrain_map import ELEVATION, UNSEEN, Reconstruction
 
 
@@ -79,8 +81,9 @@ def reconstruct(
     Raises
     ------
     InputError
-        Points, grid, prior or area in different systems, a prior that does not cover the grid, too few points, or
-        something that the method lacks.
+        Points, grid, prior or area in different systems, a prior that does not cover the grid, too few points, heights
+        in feet among heights in metres, places far from all others where no area is given, or something that the
+        method lacks.
     CapacityError
         A task beyond the memory allowed.
     TypeError
@@ -90,32 +93,58 @@ def reconstruct(
     -----
     One height per place: overhangs are not mapped.
 
+    Gross blunders of the heights are left out, and the diagnostics name them (``blunders``).
+
     Examples
     --------
     >>> corners = SurfacePoints([[0, 0, 0], [4, 0, 4], [0, 4, 0]], sigma_m=0.1, crs="EPSG:32608")
     >>> reconstruct(corners, Grid((0.0, 0.0, 2.0, 2.0), 1.0), method="tin").mean.elevation[2]
     array([0., 1., 2.])
     """
-    chosen = method_named(method)
-    if path is not None and chosen.name == "gp":
-        chosen = METHODS["joint"]
+    chosen = chosen_method(method, path)
     if kernel is not None:
         config = _with_kernel(chosen, config, kernel)
-    configs = [given for given in (config, joint) if given is not None]
+    configs = MethodSettings.of(*(given for given in (config, joint) if given is not None))
     _require_kinds(chosen, [config] if config is not None else [])
     task = MappingTask(points, grid, prior, path, value, configs, rays, area=area)
     result = run(chosen, task).reconstruction
     return result if area is None else within(result, area)
 
 
+def chosen_method(
+    name: str, path: PathError | None, landmark_errors: LandmarkErrors = "joint"
+) -> ReconstructionMethod:
+    """Return the method of a name; gp becomes joint where the points share the path's error."""
+    shares = path is not None and landmark_errors == "joint"
+    return method_named("joint" if name == "gp" and shares else name)
+
+
 def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
-    """Run a method, and bound its map by lines of sight where it does not do so itself."""
+    """Check the points, run a method, and bound its map by lines of sight where it does not do so itself.
+
+    Parameters
+    ----------
+    method : ReconstructionMethod
+        Of the registry.
+    task : MappingTask
+        Points, grid, and what goes with them.
+
+    Returns
+    -------
+    MappedTerrain
+        The map, and the correction of the path for a joint map.
+
+    Raises
+    ------
+    InputError
+        Points and grid in different systems, points that cannot be used, or something that the method lacks.
+    """
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
     method.require_room(task.grid.bounds, task.grid.step_m, task.configs)
     uses_sight_lines = task.rays or method.begin is not None
     points, n_low = without_low_returns(task.points) if uses_sight_lines else (task.points, 0)
-    task = replace(task, points=points)
+    task = _with_sound_points(replace(task, points=points))
     # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
         mapped = method.run(task)
@@ -125,12 +154,25 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
     require_heights(mapped.reconstruction)
-    return _with_low_returns(mapped, n_low) if uses_sight_lines else mapped
+    found: dict[str, Any] = {"n_low_returns": n_low} if uses_sight_lines else {}
+    if task.blunders:
+        found["blunders"] = list(task.blunders)
+    return _with_findings(mapped, found)
 
 
-def _with_low_returns(mapped: MappedTerrain, n_low: int) -> MappedTerrain:
-    """Return the map with the number of low returns in its record."""
-    diagnostics = {**mapped.reconstruction.diagnostics, "n_low_returns": n_low}
+def _with_sound_points(task: MappingTask) -> MappingTask:
+    """Return the task without blunders among its points, which are checked unless they were before."""
+    if task.blunders is not None:
+        return task
+    points, blunders = sound_points(task.points, task.quantity, has_area=task.area is not None)
+    return replace(task, points=points, blunders=blunders)
+
+
+def _with_findings(mapped: MappedTerrain, found: dict[str, Any]) -> MappedTerrain:
+    """Return the map with findings about its points in the record."""
+    if not found:
+        return mapped
+    diagnostics = {**mapped.reconstruction.diagnostics, **found}
     return mapped._replace(reconstruction=replace(mapped.reconstruction, diagnostics=diagnostics))
 
 

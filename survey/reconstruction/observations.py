@@ -154,9 +154,9 @@ def distrusted(variance: FloatArray, z_scores: FloatArray) -> FloatArray:
 
 
 # Fewer points do not show what is usual among them.
-_LEAST_POINTS = 30
+LEAST_TESTED = 30
 # Clouds of more points are not tested: the neighbours of a million take 5 s and 0.8 GB.
-_MOST_POINTS = 300_000
+MOST_TESTED = 300_000
 _N_NEIGHBOURS, _N_WIDER = 12, 24
 # A blunder differs from its neighbours by so many times what is usual, there and in the whole survey, and by so much of the
 # relief of all points.
@@ -178,22 +178,25 @@ class Blunders(NamedTuple):
     above_m: FloatArray
 
     @classmethod
-    def among(cls, points: SurfacePoints) -> Self:
+    def among(cls, xyz: FloatArray, sigma_z: FloatArray | float, least_m: float | None = None) -> Self:
         """Return the blunders among points, the largest first.
 
         Each stands alone: the points around it agree with one another, and it differs from all of them but one by more
-        than half of the relief of the survey. At a cliff, a tree or a building several points have the same height.
+        than half of the relief of the survey, or than `least_m`. At a cliff, a tree or a building several points have the
+        same height.
         """
-        wider = _neighbours(points.xy)
+        xy, z = xyz[:, :2], xyz[:, 2]
+        wider = _neighbours(xy)
         around = wider[:, :_N_NEIGHBOURS]
-        above_m = points.z - np.median(points.z[around], axis=1)
+        above_m = z - np.median(z[around], axis=1)
         size = np.abs(above_m)
-        alike_m = np.sort(np.abs(points.z[:, None] - points.z[wider]), axis=1)[:, 1]
-        rows = np.flatnonzero(np.minimum(size, alike_m) > _least_m(points, around, size))
-        if len(rows) > _n_most(points):
+        alike_m = np.sort(np.abs(z[:, None] - z[wider]), axis=1)[:, 1]
+        of_relief_m = least_blunder_m(z) if least_m is None else least_m
+        rows = np.flatnonzero(np.minimum(size, alike_m) > _least_m(around, size, sigma_z, of_relief_m))
+        if len(rows) > _n_most(len(z)):
             rows = rows[:0]
         rows = rows[np.argsort(-size[rows], kind="stable")]
-        return cls(rows, points.xy[rows], above_m[rows])
+        return cls(rows, xy[rows], above_m[rows])
 
     def facts(self) -> dict[str, Any]:
         """Return their number, and rows, places and sizes of the largest twenty, for the record."""
@@ -205,16 +208,20 @@ class Blunders(NamedTuple):
             "above_neighbours_m": np.round(self.above_m[:_N_NAMED], 2),
         }
 
-    def sentence(self) -> str:
-        """State how many there are, and which is the largest."""
+    def sentence(self, *, by_row: bool = True) -> str:
+        """State how many there are, and which is the largest, by its row where it has one."""
         side = "above" if self.above_m[0] > 0.0 else "below"
         which = f"{len(self.rows)} points stand alone in height and count as blunders: the largest is"
         if len(self.rows) == 1:
             which = "1 point stands alone in height and counts as a blunder: it is"
+        point = f" point {self.rows[0] + 1}," if by_row else ""
         return (
-            f"{which} point {self.rows[0] + 1}, at {self.xy[0, 0]:.2f}, {self.xy[0, 1]:.2f}, {abs(self.above_m[0]):.2f} m {side} its "
+            f"{which}{point} at {self.xy[0, 0]:.2f}, {self.xy[0, 1]:.2f}, {abs(self.above_m[0]):.2f} m {side} its "
             "neighbours; correct or remove what is wrong in the file"
         )
+
+
+NO_BLUNDERS = Blunders(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros(0))
 
 
 def without_blunders(points: SurfacePoints) -> tuple[SurfacePoints, Blunders]:
@@ -228,9 +235,9 @@ def without_blunders(points: SurfacePoints) -> tuple[SurfacePoints, Blunders]:
     >>> len(kept), blunders.rows, blunders.above_m.round()
     (99, array([46]), array([50.]))
     """
-    if not _LEAST_POINTS <= len(points) <= _MOST_POINTS:
-        return points, Blunders(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros(0))
-    found = Blunders.among(points)
+    if not LEAST_TESTED <= len(points) <= MOST_TESTED:
+        return points, NO_BLUNDERS
+    found = Blunders.among(points.xyz, points.sigma_z)
     if not len(found.rows):
         return points, found
     kept = np.ones(len(points), dtype=bool)
@@ -244,25 +251,79 @@ def _neighbours(xy: FloatArray) -> IntArray:
     return index[:, 1:].astype(np.int64)
 
 
-def _least_m(points: SurfacePoints, around: IntArray, size_m: FloatArray) -> FloatArray:
+def least_blunder_m(z: FloatArray) -> float:
+    """Return the least size of a blunder by the relief of all points: half of it, and at least 5 m."""
+    n_most = _n_most(len(z))
+    low, high = np.sort(z)[[n_most, -1 - n_most]]
+    return max(_SHARE_OF_RELIEF * float(high - low), _LEAST_M)
+
+
+def _least_m(
+    around: IntArray, size_m: FloatArray, sigma_z: FloatArray | float, of_relief_m: float
+) -> FloatArray:
     """Return the least size of a blunder at each point (N,), from the differences (N,) of all and the points around (N, 12)."""
     there = np.quantile(size_m[around], _USUAL_SHARE, axis=1)
     usual_m = np.maximum(there, np.quantile(size_m, 1.0 - 2.0 * _MOST_SHARE))
-    low, high = np.sort(points.z)[[_n_most(points), -1 - _n_most(points)]]
-    of_relief_m = max(_SHARE_OF_RELIEF * float(high - low), _LEAST_M)
-    least: FloatArray = np.maximum(_TIMES_USUAL * np.maximum(usual_m, points.sigma_z), of_relief_m)
+    least: FloatArray = np.maximum(_TIMES_USUAL * np.maximum(usual_m, sigma_z), of_relief_m)
     return least
 
 
-def _n_most(points: SurfacePoints) -> int:
-    """Return how many points may be blunders."""
-    return max(int(_MOST_SHARE * len(points)), 1)
+def _n_most(n: int) -> int:
+    """Return how many of n points may be blunders."""
+    return max(int(_MOST_SHARE * n), 1)
+
+
+class SoundPoints(NamedTuple):
+    """Points without blunders, and the record of those that were left out."""
+
+    points: SurfacePoints
+    blunders: tuple[dict[str, Any], ...] = ()
+
+
+def sound_points(
+    points: SurfacePoints, quantity: str = ELEVATION, *, has_area: bool = False, file: str | None = None
+) -> SoundPoints:
+    """Leave gross blunders of the heights out; refuse feet among metres, and far places where no area is given.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Measured points.
+    quantity : str
+        Mapped quantity; heights are checked where it is the elevation.
+    has_area : bool
+        Whether the ground to map is given, so that far places do no harm.
+    file : str, optional
+        Name of the file for messages and the record.
+
+    Returns
+    -------
+    SoundPoints
+        The same points where they hold no blunder.
+
+    Raises
+    ------
+    InputError
+        Few places far from all others, or heights in feet among heights in metres.
+    """
+    try:
+        if not has_area:
+            refuse_far_places(points)
+        if quantity != ELEVATION:
+            return SoundPoints(points)
+        refuse_feet_among_metres(points)
+    except InputError as error:
+        raise error if file is None else InputError(f"{file}: {error}") from error
+    kept, found = without_blunders(points)
+    named = {} if file is None else {"file": file}
+    record = {**named, "sentence": found.sentence(), **found.facts()} if len(found.rows) else None
+    return SoundPoints(kept, () if record is None else (record,))
 
 
 def refuse_feet_among_metres(points: SurfacePoints) -> None:
     """Refuse heights of two groups of which one is 3.28 times as high as the other."""
     height = np.sort(points.z)
-    if len(height) < _LEAST_POINTS or height[0] <= 0.0:
+    if len(height) < LEAST_TESTED or height[0] <= 0.0:
         return
     last = int(np.argmax(np.diff(height)))
     low, high = height[: last + 1], height[last + 1 :]
@@ -277,8 +338,19 @@ def refuse_feet_among_metres(points: SurfacePoints) -> None:
 
 
 def refuse_far_places(points: SurfacePoints) -> None:
-    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does."""
-    if len(points) < _LEAST_POINTS:
+    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Measured points.
+
+    Raises
+    ------
+    InputError
+        At most 2 % of the points are more than 50 times as far away as the others extend.
+    """
+    if len(points) < LEAST_TESTED:
         return
     low, middle, high = np.quantile(points.xy, [_MOST_SHARE, 0.5, 1.0 - _MOST_SHARE], axis=0)
     away = np.abs(points.xy - middle).max(axis=1)

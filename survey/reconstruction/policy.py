@@ -6,11 +6,14 @@ Missions, Monte Carlo studies and the command map landmarks by `map_landmarks`, 
   ``landmark_errors`` says that they count as independent;
 * a joint map takes the prior's cells as measurements; another map is built around the prior, and points beyond its
   edge are left out;
+* gross blunders of the heights are left out and named in the record;
 * lines of sight bound the map when ``rays`` is set.
 """
 
 import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +25,10 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.mapping import run
-from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
-from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig, method_named
+from survey.reconstruction.mapping import chosen_method, run
+from survey.reconstruction.method import MappedTerrain, MappingTask
+from survey.reconstruction.observations import sound_points
+from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig
 from survey.reconstruction.terrain_map import ELEVATION
 
 logger = logging.getLogger(__name__)
@@ -40,24 +44,53 @@ def map_landmarks(
     quantity: str = ELEVATION,
     progress: Progress | None = None,
     area: SurveyArea | None = None,
+    blunders: Sequence[Mapping[str, Any]] | None = None,
 ) -> MappedTerrain:
-    """Map landmarks as the settings say."""
+    """Map landmarks as the settings say.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Landmarks, or other measured points.
+    grid : Grid
+        Nodes of the map, in the points' CRS.
+    config : ReconstructionConfig
+        Method, treatment of shared errors, lines of sight, and settings of the method.
+    prior : Dem, optional
+        Coarse elevation model; used where ``use_prior`` is set.
+    path : PathError, optional
+        Error of the path that the points were seen from.
+    quantity : str
+        Mapped quantity.
+    progress : callable, optional
+        Progress callback of maps that take long.
+    area : SurveyArea, optional
+        Ground of which the map claims its error; the grid by default.
+    blunders : sequence of dict, optional
+        Record of the blunders that were left out of the points; by default the points are checked here.
+
+    Returns
+    -------
+    MappedTerrain
+        The map, and the correction of the path for a joint map.
+
+    Raises
+    ------
+    InputError
+        What the method refuses, points that cannot be used, or points that all lie beyond the prior.
+    """
     prior = prior if config.use_prior else None
-    method = chosen_method(config, path)
+    method = chosen_method(config.method, path, config.landmark_errors)
+    if blunders is None:
+        points, blunders = sound_points(points, quantity, has_area=area is not None)
     if not method.needs_path:
         points = prepared(points, prior, config.landmark_errors)
         path = None
     prior = prior if method.uses_prior else None
     configs = config.configs_of(method)
-    task = MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress, area)
+    task = MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress, area, blunders)
     mapped = run(method, task)
     return mapped._replace(n_points=len(points))
-
-
-def chosen_method(config: ReconstructionConfig, path: PathError | None) -> ReconstructionMethod:
-    """Return the method of the settings; gp becomes joint where the points share the path's error."""
-    shares = path is not None and config.landmark_errors == "joint"
-    return method_named("joint" if config.method == "gp" and shares else config.method)
 
 
 def prepared(points: SurfacePoints, prior: Dem | None, landmark_errors: LandmarkErrors) -> SurfacePoints:

@@ -14,7 +14,7 @@ from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.line_of_sight.config import ScanPointsConfig
-from survey.reconstruction.method import ReconstructionMethod
+from survey.reconstruction.method import MethodSettings, ReconstructionMethod
 from survey.reconstruction.methods.gaussian_process import DENSE, GP, JOINT
 from survey.reconstruction.methods.scans import CARVING, EMAP, FIELD
 from survey.reconstruction.methods.triangulation import TIN
@@ -96,7 +96,18 @@ class ReconstructionConfig(Section):
         own = {"field": self.field.rays, "carving": self.carving.carve}
         return self.rays or own.get(self.method, False)
 
-    def configs_of(self, method: ReconstructionMethod) -> tuple[Section, ...]:
-        """Return the settings that a method reads."""
+    def configs_of(self, method: ReconstructionMethod) -> MethodSettings:
+        """Return the settings that a method reads.
+
+        Parameters
+        ----------
+        method : ReconstructionMethod
+            Of the registry.
+
+        Returns
+        -------
+        MethodSettings
+            One for each of the method's sections.
+        """
         sections = dict(self)
-        return tuple(sections[name] for name in method.configs)
+        return MethodSettings.of(*(sections[name] for name in method.configs))

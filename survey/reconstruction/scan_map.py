@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from survey.core.errors import InputError
 from survey.data.grid import Grid
@@ -10,6 +10,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.mapping import require_heights
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
+from survey.reconstruction.observations import without_blunders
 from survey.reconstruction.terrain_map import Reconstruction
 
 
@@ -30,8 +31,31 @@ def map_scans(
 ) -> ScanMap:
     """Map scans one after the other.
 
-    Isolated returns below the ground are left out of every scan, and with lines of sight also returns from what
-    overhangs the ground.
+    Gross blunders and isolated returns below the ground are left out of every scan, and with lines of sight also returns
+    from what overhangs the ground.
+
+    Parameters
+    ----------
+    scans : iterable of SurfacePoints
+        One element per scan, read when it is needed.
+    method : ReconstructionMethod
+        One that takes scans (``method.begin``).
+    settings : ScanSettings
+        Distance of the nodes, lines of sight, and settings of the method.
+    grid : Grid, optional
+        Nodes of the map; by default all that was mapped.
+    on_scan : callable
+        Called with the number of scans so far.
+
+    Returns
+    -------
+    ScanMap
+        The map, and the number of scans.
+
+    Raises
+    ------
+    InputError
+        The method takes no scans, lines of sight are asked of one that uses none, or there is no scan.
     """
     if method.begin is None:
         raise InputError(f"the method {method.name} maps points, not scans; take field, emap or carving.")
@@ -41,8 +65,12 @@ def map_scans(
         )
     model = method.begin(settings)
     n_scans = n_low_returns = 0
+    blunders: list[dict[str, Any]] = []
     for n_scans, scan in enumerate(scans, start=1):
-        accepted, n_low = without_low_returns(scan)
+        without_low, n_low = without_low_returns(scan)
+        accepted, found = without_blunders(without_low)
+        if len(found.rows):
+            blunders.append({"scan": n_scans, "sentence": found.sentence(by_row=False), **found.facts()})
         n_low_returns += n_low
         model.update(_ground_of(accepted) if settings.rays else accepted)
         on_scan(n_scans)
@@ -50,6 +78,8 @@ def map_scans(
         raise InputError("there are no scans; at least one is needed.")
     result = model.grid(model.full_grid(settings.step_m) if grid is None else grid)
     diagnostics = {**result.diagnostics, "n_low_returns": n_low_returns}
+    if blunders:
+        diagnostics["blunders"] = blunders
     return ScanMap(require_heights(replace(result, diagnostics=diagnostics)), n_scans)
 
 

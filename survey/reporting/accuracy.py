@@ -334,9 +334,9 @@ _NO_STATEMENT = (
 
 
 def _without_claim(dem: Dem) -> Reconstruction:
-    """Return a map that states no standard deviation, as the figures of errors take it."""
-    unknown = Dem(np.full(dem.shape, np.nan), dem.transform, dem.crs, dem.vertical_datum)
-    return Reconstruction(dem, unknown, np.full(dem.shape, INTERPOLATED), "outside", {})
+    """Return a map as the figures of errors take it, which draw no standard deviation."""
+    unused = Dem(np.zeros(dem.shape), dem.transform, dem.crs, dem.vertical_datum)
+    return Reconstruction(dem, unused, np.full(dem.shape, INTERPOLATED), "outside", {})
 
 
 def _reference_inputs(setting: ReportSetting, dem: Dem, score: Score) -> Table:

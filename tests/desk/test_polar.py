@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from desk.plan.document import PlanDocument
-from desk.plan.drive import drives
 from desk.plan.exports import PlanExport
-from desk.terrain.contours import contour_lines
+from desk.plan.summary import drives
+from desk.terrain.tiles import contour_lines
 from desk.workspace import Workspace
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from desk.demo import write_demo
-from desk.sources import open_workspace
-from firnline.cli.mission_file import run_until
-from firnline.cli.options import RunOptions
+from desk.sources import open_workspace, write_demo
+from firnline.actions.missions import run_until
+from firnline.actions.requests import RunOptions
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -32,7 +31,7 @@ def test_a_mission_brings_its_area_prior_and_settings(tmp_path):
 
 def test_a_run_brings_its_area_prior_and_settings(tmp_path):
     (tmp_path / "small.toml").write_text(MISSION)
-    _, run = run_until(tmp_path / "small.toml", "plan", RunOptions(runs=tmp_path / "runs", quiet=True))
+    run = run_until(tmp_path / "small.toml", "plan", RunOptions(runs=tmp_path / "runs")).run
     with open_workspace(run.path, tmp_path) as desk:
         assert desk.store.document.planner["swaths"] == 3
         assert desk.folder == tmp_path

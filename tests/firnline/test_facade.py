@@ -15,6 +15,8 @@ import firnline
 
 ROOT = Path(__file__).resolve().parents[2]
 OWN = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
+# Users hand it on to functions of the package, and read nothing of it.
+HANDED_ON = {"JointSolution"}
 NAMES = [name for name in firnline.__all__ if name != "__version__"]
 FUNCTIONS = [name for name in NAMES if inspect.isfunction(getattr(firnline, name))]
 INTERFACES = {"Section", "DisplacementField"}

@@ -28,7 +28,7 @@ from survey.data.sensors.stakes import Stakes, StakeSurveys
 from survey.reconstruction.checks import HeldOut, HeldOutGroups, PredictiveCheck, PredictiveScores, RmseClaim
 from survey.reconstruction.gp.mean import DemMean
 from survey.reconstruction.joint.drives import PathCorrection
-from survey.reconstruction.method import MappedTerrain, MappingTask, ScanSettings
+from survey.reconstruction.method import MappedTerrain, MappingTask, MethodSettings, ScanSettings
 from survey.reconstruction.registry import METHODS
 from survey.scoring.change.variogram import Structure
 from survey.scoring.change.volume_change import AlongFlow, FlowBalance
@@ -116,12 +116,13 @@ def configurations() -> Iterator[Any]:
         kind = KINDS[name]
         if issubclass(kind, BaseModel) and name != "MissionConfig":
             yield kind(**needed.get(name, {}))
-    yield firnline.MissionConfig(
+    mission = firnline.MissionConfig(
         schema_version=1,
         name="small",
         terrain=firnline.SampleTerrain(source="srtm-sample"),
         planner=firnline.LawnmowerConfig(swaths=3),
     )
+    yield from (mission, firnline.SharedWorld(mission))
 
 
 def errors() -> Iterator[FirnlineError]:
@@ -169,6 +170,8 @@ def others() -> Iterator[Any]:
     yield MapScale.over(CRS, (499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0))
     yield ScanSettings()
     yield NodeCounts(1, 2, 3)
+    yield MethodSettings.of(firnline.JointConfig(slope_passes=3))
+
     yield firnline.RunFolder(Path("runs") / "small" / "1")
     yield DemMean(firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 1.0), 1.0), np.zeros((2, 3))))
     yield firnline.GaussianProcessConfig(fit=False, variance_m2=1.0, length_scale_m=9.0).stated_kernel()

@@ -1,26 +1,13 @@
-"""``firnline change``: elevation, volume and mass change between two surveys."""
+"""Commands of two surveys: ``change`` and ``track``."""
 
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
-
-import typer
-
-from firnline.cli.facts import end_dry_run
+from firnline.actions import changes
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import with_options_of
-from firnline.cli.scoring.change_request import OUTPUTS, ChangeRequest
-
-if TYPE_CHECKING:
-    from survey import Dem, Reconstruction
-    from survey.scoring.change.along_flow import Thickness
-    from survey.scoring.change.displacements import DisplacementField
-    from survey.scoring.change.volume_change import Change
+from firnline.cli.request import DryRun, Json, Quiet, print_result, with_options_of
 
 
 @with_exit_codes
-@with_options_of(ChangeRequest)
-def change(request: ChangeRequest) -> None:
+@with_options_of(changes.ChangeRequest)
+def change(request: changes.ChangeRequest, dry_run: DryRun = False, as_json: Json = False) -> None:
     """Compute the change of elevation, volume and mass on the ground, with correlated errors.
 
     For example:
@@ -33,174 +20,24 @@ def change(request: ChangeRequest) -> None:
 
       firnline change 2026.tif 2024.tif --outline glacier.gpkg --flow track --thickness 80
     """
-    import json
-
-    from survey.core.replacement import replacing_folder
-    from survey.figures.maps import change_map
-    from survey.figures.style import png_bytes
-    from survey.scoring.change.files import change_facts, write_change
-
-    request.check()
-    if request.dry_run:
-        _end_dry_run(request)
-    found, outlines = _compared(request)
-    density = request.density_kg_m3, request.density_std_kg_m3
-    facts = change_facts(found, *density)
-    with replacing_folder(request.out, own=OUTPUTS) as draft:
-        write_change(draft, found, *density)
-        (draft / "change.png").write_bytes(png_bytes(change_map(found, outlines)))
-    if request.report is not None:
-        _write_report(request.report, request.inputs, found, outlines, facts)
-    if request.as_json:
-        typer.echo(json.dumps(facts, indent=2))
-        return
-    _print_change(facts, request.out)
-    if request.report is not None:
-        typer.echo(f"report written to {request.report}")
+    if dry_run:
+        print_result(changes.preview_change(request))
+    else:
+        print_result(changes.change(request).write(), as_json=as_json)
 
 
-def _end_dry_run(request: ChangeRequest) -> NoReturn:
-    """Read surveys and outlines, and print what would be compared."""
-    from firnline.cli.scoring.surveys import surveys_of
-    from survey import Dem
-    from survey.scoring.change.files import read_outlines
+@with_exit_codes
+@with_options_of(changes.TrackRequest)
+def track(request: changes.TrackRequest, dry_run: DryRun = False, quiet: Quiet = False) -> None:
+    """Track the features of a moving surface between two surveys: displacements, velocities and their errors.
 
-    writes = [request.out, *([] if request.report is None else [request.report])]
-    surveys = {"later": request.later, "earlier": request.earlier}
-    if all(source.suffix == ".npz" for source in surveys.values()):
-        end_dry_run(writes)
-    *read, _ = surveys_of(request.later, request.earlier, request.crs)
-    dems = dict(zip(surveys, (one if isinstance(one, Dem) else one.mean for one in read), strict=True))
-    facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
-    outlines = read_outlines(request.outline, dems["later"].crs)
-    end_dry_run(writes, {**facts, "outlines": ", ".join(outlines)})
+    Weak matches, and those that contradict their neighbours, are written with outlier = 1.
 
+    For example:
 
-def _write_report(
-    report: Path,
-    inputs: tuple[Path | None, ...],
-    found: "Change",
-    outlines: dict[str, Any],
-    facts: dict[str, Any],
-) -> None:
-    from firnline.cli.scoring.output import today
-    from survey.reporting.accuracy import ReportSetting
-    from survey.reporting.change import change_report
-    from survey.reporting.document import write_document
-
-    roles = ("Later survey", "Earlier survey", "Outlines", "Unchanged ground from")
-    names = {role: path.name for role, path in zip(roles, inputs, strict=True) if path is not None}
-    title = f"{names['Later survey']} minus {names['Earlier survey']}"
-    write_document(report, change_report(ReportSetting(title, today(), names), found, outlines, facts))
-
-
-def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
-    """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
-    import shapely
-
-    from firnline.cli.scoring.surveys import surveys_of
-    from survey import Dem
-    from survey.scoring.change.difference import change as compare
-    from survey.scoring.change.files import read_outlines
-
-    if request.later.suffix == request.earlier.suffix == ".npz":
-        return _models_compared(request.later, request.earlier, request.outline, request.step_m)
-    new, old, note = surveys_of(request.later, request.earlier, request.crs)
-    crs = (new if isinstance(new, Dem) else new.mean).crs
-    outlines = read_outlines(request.outline, crs)
-    ground = None
-    if request.stable is not None:
-        ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
-    flow, thickness = _flow(request, new, old)
-    found = compare(
-        new,
-        old,
-        outlines,
-        stable=ground,
-        align=request.align,
-        level=request.level,
-        flow=flow,
-        thickness=thickness,
-    )
-    return replace(found, notes=(*found.notes, *note)), outlines
-
-
-def _flow(
-    request: ChangeRequest, new: "Reconstruction | Dem", old: "Reconstruction | Dem"
-) -> "tuple[DisplacementField | None, Thickness | None]":
-    """Return the flow between the surveys and the thickness of the ice, where they are named."""
-    from firnline.cli.scoring.flow import flow_of, thickness_of
-    from survey import Dem
-
-    if request.flow is None:
-        return None, None
-    later, earlier = (one if isinstance(one, Dem) else one.mean for one in (new, old))
-    thickness = thickness_of(request.thickness, request.thickness_error)
-    return flow_of(request.flow, request.days, later, earlier), thickness
-
-
-def _models_compared(
-    later: Path, earlier: Path, outline: Path, step_m: float
-) -> tuple["Change", dict[str, Any]]:
-    import shapely
-
-    from survey import Grid
-    from survey.core.errors import InputError
-    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.scoring.change.difference import change_of_models
-    from survey.scoring.change.files import read_outlines
-
-    new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
-    crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
-    if crs is None:
-        raise InputError(
-            f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
-            "compare their maps instead."
-        )
-    outlines = read_outlines(outline, crs)
-    bounds = shapely.union_all(list(outlines.values())).bounds
-    return change_of_models(new, old, outlines, Grid.over(bounds, step_m, crs)), outlines
-
-
-def _print_change(facts: dict[str, Any], out: Path) -> None:
-    from survey.core.text import printable
-
-    if facts["shift"] is not None:
-        shift = facts["shift"]
-        typer.echo(
-            f"coordinates shifted by {shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
-        )
-    if facts["offset_m"]:
-        typer.echo(
-            f"{facts['offset_m']:+.3f} m subtracted, the mean difference of the unchanged ground (--no-level does not)"
-        )
-    for row in facts["volumes"]:
-        typer.echo(
-            f"{printable(row['name'])}: {_signed(row['volume_change_m3'])} m³, 95 % between "
-            f"{_signed(row['volume_low_95_m3'])} and {_signed(row['volume_high_95_m3'])}; {row['mean_change_m']:+.3f} m on the mean, "
-            f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
-        )
-    for row in facts.get("along_flow", ()):
-        typer.echo(_flow_line(row))
-    for note in facts["notes"]:
-        typer.echo(f"note: {note}")
-    typer.echo(f"written to {out}")
-
-
-def _flow_line(row: dict[str, Any]) -> str:
-    """Return the change along the flow and the balance of one outline as a sentence."""
-    from survey.core.text import printable
-
-    return (
-        f"{printable(row['name'])}: along the flow {row['along_mean_m']:+.3f} ± {row['along_std_m']:.3f} m; the flow carried off "
-        f"{row['flux_divergence_m']:+.3f} ± {row['flux_divergence_std_m']:.3f} m of ice (thickness {row['thickness_m']:.0f} m), "
-        f"gained at surface and bed {row['balance_m']:+.3f} ± {row['balance_std_m']:.3f} m of ice"
-    )
-
-
-def _signed(value: float) -> str:
-    """Write a number with its sign and four significant digits, with spaces between thousands."""
-    from survey.reporting.quantities import MINUS, rounded
-
-    plain = rounded(value).replace("\u202f", " ").replace(MINUS, "-")
-    return plain if plain.startswith("-") else f"+{plain}"
+      firnline track 2024.tif 2026.tif --days 730 -o velocity.gpkg
+    """
+    if dry_run:
+        print_result(changes.preview_track(request))
+    else:
+        print_result(changes.track(request).write(), quiet=quiet)

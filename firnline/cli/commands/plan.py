@@ -1,14 +1,14 @@
 """``firnline plan``: a route for an area, with a picture and what is expected of it."""
 
+from firnline.actions.plan_request import PlanRequest, PlanResult
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.planning.modes import mode_of
-from firnline.cli.planning.request import PlanRequest
-from firnline.cli.request import with_options_of
+from firnline.cli.request import Printing, print_result, with_options_of
+from firnline.cli.stages import run_stages
 
 
 @with_exit_codes
 @with_options_of(PlanRequest)
-def plan(request: PlanRequest) -> None:
+def plan(request: PlanRequest, printing: Printing) -> None:
     """Plan the route of a survey.
 
     Every setting of the sections planner, rover and fleet of a mission file can be set with --set. Ground
@@ -43,10 +43,16 @@ def plan(request: PlanRequest) -> None:
 
       firnline plan mine.toml --require class-3
     """
-    mode = mode_of(request)
-    if request.dry_run:
-        from firnline.cli.planning.dry_run import print_plan_of
+    from firnline.actions.planning import mode_of, plan, preview_plan
+    from firnline.cli.progress import counted
 
-        print_plan_of(request)
+    if request.is_mission and (printing.dry_run or request.require is None):
+        mode_of(request)
+        run_stages(request.source, request, "plan", printing)
         return
-    mode(request)
+    if printing.dry_run:
+        print_result(preview_plan(request))
+        return
+    with counted(quiet=printing.quiet) as progress:
+        made = plan(request, progress)
+    print_result(made.write() if isinstance(made, PlanResult) else made, as_json=printing.as_json)

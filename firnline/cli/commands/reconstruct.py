@@ -1,19 +1,16 @@
 """``firnline reconstruct``: a map from measured points or LiDAR scans."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+import typer
 
-from firnline.cli.mapping.options import ReconstructOptions
+from firnline.actions.requests import ReconstructRequest
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import with_options_of
-
-if TYPE_CHECKING:
-    from firnline.cli.mapping.inputs import MapRequest
+from firnline.cli.request import Printing, print_result, with_options_of
+from firnline.cli.stages import run_stages
 
 
 @with_exit_codes
-@with_options_of(ReconstructOptions)
-def reconstruct(options: ReconstructOptions) -> None:
+@with_options_of(ReconstructRequest)
+def reconstruct(request: ReconstructRequest, printing: Printing) -> None:
     """Reconstruct terrain from points, with its standard deviation.
 
     Settings of the methods are those of a mission: --set reconstruction.gp.family=matern-3/2.
@@ -36,63 +33,38 @@ def reconstruct(options: ReconstructOptions) -> None:
 
       firnline reconstruct mine.toml
     """
-    if options.sources[0].suffix == ".toml":
-        from firnline.cli.mission_file import print_summary, run_until
-
-        _, run = run_until(options.sources[0], "reconstruct", options)
-        print_summary(run, as_json=options.as_json)
-        return
-    if options.tiles:
-        from firnline.cli.mapping.tiles import map_tiled
-
-        map_tiled(options)
-        return
-    _refuse_without_tiles(options)
-    _refuse_max_slope(options.max_slope_deg, rays=options.rays)
-    _map(options)
-
-
-def _map(options: ReconstructOptions) -> None:
-    """Check input and output, make the map, write and print it."""
-    from firnline.cli.mapping.inputs import map_request
-    from firnline.cli.mapping.outputs import OWN_FILES, print_map, write_map
-    from firnline.cli.mapping.points import map_points
-    from firnline.cli.mapping.scans import map_scan_files
-    from firnline.cli.outputs import refuse_existing
-
-    request = map_request(options)
-    refuse_existing([options.out], force=options.force, inputs=request.inputs, own=OWN_FILES)
-    if options.dry_run:
-        _end_dry_run(request, options.out)
-    made = map_scan_files(request) if request.is_of_scans else map_points(request)
-    write_map(made, options.out, rays=request.config.rays, max_slope_deg=options.max_slope_deg)
-    print_map(made, options.out, as_json=options.as_json)
-
-
-def _end_dry_run(request: "MapRequest", out: Path) -> NoReturn:
-    """Read and check all input, and print what would be mapped."""
-    from firnline.cli.facts import end_dry_run
-    from firnline.cli.mapping.points import read_inputs
-    from survey.interchange.scans import scan_files
-
-    if request.is_of_scans:
-        facts = {"scans": f"{len(scan_files(request.options.sources))} files"}
+    if request.is_mission:
+        run_stages(request.sources[0], request, "reconstruct", printing)
+    elif request.tiles:
+        _map_in_tiles(request, printing)
     else:
-        facts = read_inputs(request).facts
-    end_dry_run([out], {"method": request.method.name, **facts})
+        _map(request, printing)
 
 
-def _refuse_without_tiles(options: ReconstructOptions) -> None:
-    from survey.core.errors import InputError
+def _map(request: ReconstructRequest, printing: Printing) -> None:
+    from firnline.actions.mapping import preview_reconstruction, reconstruct
+    from firnline.cli.progress import counted
 
-    given = {"--workers": options.workers, "--scheduler": options.scheduler, "--control": options.control}
-    for name, value in given.items():
-        if value is not None:
-            raise InputError(f"{name} is of maps in tiles; add --tiles, or leave {name} out.")
+    if printing.dry_run:
+        print_result(preview_reconstruction(request))
+        return
+    with counted(quiet=printing.quiet) as progress:
+        made = reconstruct(request, progress)
+    print_result(made.write(), as_json=printing.as_json)
 
 
-def _refuse_max_slope(max_slope_deg: float | None, *, rays: bool) -> None:
-    from survey.core.errors import InputError
+def _map_in_tiles(request: ReconstructRequest, printing: Printing) -> None:
+    from firnline.actions.tiled_mapping import map_in_tiles, preview_tiles
+    from firnline.cli.progress import counted
 
-    if max_slope_deg is not None and not rays:
-        raise InputError("steep ground is found from the map's bounds; add --rays to --max-slope.")
+    if printing.dry_run:
+        print_result(preview_tiles(request))
+        return
+
+    def announce(line: str) -> None:
+        if not printing.quiet:
+            typer.echo(line, err=True)
+
+    with counted(quiet=printing.quiet) as progress:
+        made = map_in_tiles(request, progress, announce)
+    print_result(made.write(), as_json=printing.as_json)

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
-from firnline.cli.options import DryRun, Quiet, Verbose
 from firnline.cli.outcome import with_exit_codes
+from firnline.cli.request import DryRun, Quiet, Verbose, print_result
 
 
 @with_exit_codes
@@ -57,17 +57,17 @@ def reproduce(
         typer.echo(f"{name}: {out / name}")
 
 
-def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> NoReturn:
+def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> None:
     """Check the folders, and print which studies would be made."""
-    from firnline.cli.facts import end_dry_run
-    from firnline.cli.outputs import refuse_existing
+    from firnline.actions.interface import Preview, refuse_existing
     from papers.studies import study
 
     if name == "all":
-        end_dry_run([out / each for each in _left(out, quick=quick, force=force)])
+        print_result(Preview.of(out / each for each in _left(out, quick=quick, force=force)))
+        return
     study(name)
     refuse_existing([out / name], force=force, own=("*",))
-    end_dry_run([out / name])
+    print_result(Preview.of([out / name]))
 
 
 def _left(out: Path, *, quick: bool, force: bool) -> list[str]:
@@ -79,7 +79,7 @@ def _left(out: Path, *, quick: bool, force: bool) -> list[str]:
 
 def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
     """Make one study beside its folder and exchange the two."""
-    from firnline.cli.outputs import refuse_existing
+    from firnline.actions.interface import refuse_existing
     from firnline.cli.progress import counted
     from papers.studies import replacing_study, study
 

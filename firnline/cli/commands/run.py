@@ -1,35 +1,37 @@
-"""``firnline run``: run a mission from plan to report, or continue it."""
+"""Commands of missions: ``init``, ``run``, ``simulate``, ``report`` and ``show``."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from firnline.cli.options import RunOptions, Workers
-from firnline.cli.outcome import NOT_MET, with_exit_codes
-from firnline.cli.request import with_options_of
+from firnline.actions.requests import InitRequest, ReportRequest, RunRequest, SimulateRequest
+from firnline.cli.outcome import with_exit_codes
+from firnline.cli.request import DryRun, Json, Printing, print_result, with_options_of
+from firnline.cli.stages import run_stages, watched_by
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunRequest(RunOptions):
-    """Options of the command."""
+@with_exit_codes
+@with_options_of(InitRequest)
+def init(request: InitRequest, dry_run: DryRun = False) -> None:
+    """Write a mission file with every setting, its unit and its default.
 
-    mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")]
-    first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Repeat this stage and all later ones.")
-    ] = None
-    until: Annotated[str, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report"
-    fresh: Annotated[bool, typer.Option("--fresh", help="Repeat every stage.")] = False
-    require: Annotated[
-        bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
-    ] = False
-    workers: Workers = None
+    For example:
+
+      firnline init my-survey.toml
+
+      firnline init my-survey.toml --dem copernicus.tif
+    """
+    from firnline.actions import missions
+    from firnline.actions.interface import Preview
+
+    made = missions.init(request)
+    print_result(Preview.of([request.path]) if dry_run else made.write())
 
 
 @with_exit_codes
 @with_options_of(RunRequest)
-def run(request: RunRequest) -> None:
+def run(request: RunRequest, printing: Printing) -> None:
     """Run a mission from plan to report, or continue it where it was stopped.
 
     Stages: plan, simulate, localize, reconstruct, score, report. The report's path is
@@ -43,15 +45,62 @@ def run(request: RunRequest) -> None:
 
       firnline run mine.toml --dry-run
     """
-    from firnline.cli.mission_file import class_met, print_summary, run_until, summary
-    from survey.core.errors import ConfigError
-    from survey.core.run_folder import STAGES
+    from firnline.actions import missions
 
-    for stage in (request.first, request.until):
-        if stage is not None and stage not in STAGES:
-            raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
-    start = "plan" if request.fresh else request.first
-    done, folder = run_until(request.mission, request.until, request, first=start, workers=request.workers)
-    print_summary(folder, as_json=request.as_json)
-    if request.require and not class_met(summary(folder), done.score.require):
-        raise typer.Exit(NOT_MET)
+    if printing.dry_run:
+        print_result(missions.preview_run(request))
+        return
+    made = missions.run(request, watched_by(printing), verbose=printing.verbose)
+    print_result(made, as_json=printing.as_json)
+
+
+@with_exit_codes
+@with_options_of(SimulateRequest)
+def simulate(request: SimulateRequest, printing: Printing) -> None:
+    """Plan and drive a mission: a recording for the estimator, the truth for scoring.
+
+    For example:
+
+      firnline simulate mine.toml --set fidelity=ideal
+    """
+    run_stages(request.mission, request, "simulate", printing, workers=request.workers)
+
+
+@with_exit_codes
+@with_options_of(ReportRequest)
+def report(request: ReportRequest, printing: Printing) -> None:
+    """Draw the report of a run again; a mission file is run first where it is not done yet.
+
+    For example:
+
+      firnline report results/runs/srtm-ridge/latest
+
+      firnline report mine.toml
+    """
+    from firnline.actions import missions
+
+    if printing.dry_run:
+        print_result(missions.preview_report(request))
+        return
+    made = missions.report(request, watched_by(printing), verbose=printing.verbose)
+    print_result(made, as_json=printing.as_json)
+
+
+@with_exit_codes
+def show(
+    run: Annotated[
+        Path, typer.Argument(help="A run folder, a mission's folder of runs, or its latest link.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Show which stages of a run are done, how long they took, and the score.
+
+    Every file is checked against the checksum that was taken when it was written.
+
+    For example:
+
+      firnline show results/runs/srtm-ridge
+    """
+    from firnline.actions import missions
+
+    print_result(missions.show(run), as_json=as_json)

@@ -1,19 +1,16 @@
 """``firnline score``: errors, coverage and class of a map against a reference or checkpoints."""
 
-from typing import NoReturn
+import typer
 
-from firnline.cli.facts import end_dry_run
+from firnline.actions.scoring import ScoreRequest
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import with_options_of
-from firnline.cli.scoring.checkpoints import read_checkpoints, score_at_checkpoints
-from firnline.cli.scoring.maps import map_of
-from firnline.cli.scoring.raster import score_against_raster
-from firnline.cli.scoring.request import ScoreRequest
+from firnline.cli.request import Printing, print_result, with_options_of
+from firnline.cli.stages import run_stages
 
 
 @with_exit_codes
 @with_options_of(ScoreRequest)
-def score(request: ScoreRequest) -> None:
+def score(request: ScoreRequest, printing: Printing) -> None:
     """Judge a map against a reference or checkpoints: error statistics, coverage, map class.
 
     Large rasters are read in blocks. A standard whose conditions are not met gives no verdict.
@@ -33,32 +30,16 @@ def score(request: ScoreRequest) -> None:
 
       firnline score mine.toml
     """
+    from firnline.actions import scoring
+
     if request.is_mission:
-        from firnline.cli.mission_file import print_summary, run_until
-
         request.refuse_options_of_maps()
-        _, run = run_until(request.source, "score", request)
-        print_summary(run, as_json=request.as_json)
+        run_stages(request.source, request, "score", printing)
         return
-    request.check()
-    if request.dry_run:
-        _end_dry_run(request)
-    if request.checkpoints is None:
-        score_against_raster(request)
-    else:
-        score_at_checkpoints(request, map_of(request.source, request.crs, request.epoch_s))
-
-
-def _end_dry_run(request: ScoreRequest) -> NoReturn:
-    """Read the map and what it is judged by, and print both."""
-    from survey import Dem
-
-    map_ = map_of(request.source, request.crs, request.epoch_s)
-    dem = map_ if isinstance(map_, Dem) else map_.mean
-    facts = {"map": "{} × {} cells".format(*dem.shape)}
-    if request.checkpoints is None:
-        assert request.truth is not None
-        facts["reference"] = "{} × {} cells".format(*Dem.read(request.truth, crs=request.crs).shape)
-    else:
-        facts["checkpoints"] = str(len(read_checkpoints(request, dem).names))
-    end_dry_run([] if request.report is None else [request.report], facts)
+    if printing.dry_run:
+        print_result(scoring.preview_score(request))
+        return
+    made = scoring.score(request).write()
+    if printing.as_json and made.written is not None:
+        typer.echo(made.report_line, err=True)
+    print_result(made, as_json=printing.as_json)

@@ -26,7 +26,6 @@ from survey.reconstruction.method import (
     MappingTask,
     ReconstructionMethod,
     ScanSettings,
-    config_of,
 )
 from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
 
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 def check_length_scale(settings: ScanSettings) -> None:
     """Refuse stated length scales far below the step of the map."""
     if settings.step_m is not None:
-        config = config_of(settings.configs, GaussianProcessConfig)
+        config = settings.configs.get(GaussianProcessConfig)
         require_length_scale(config.stated_length_m, settings.step_m)
 
 

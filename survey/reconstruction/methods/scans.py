@@ -16,7 +16,6 @@ from survey.reconstruction.method import (
     MappingTask,
     ReconstructionMethod,
     ScanSettings,
-    config_of,
 )
 from survey.reconstruction.nodes import NodeWindow, require_room
 
@@ -29,14 +28,14 @@ if TYPE_CHECKING:
 def _begin_field(settings: ScanSettings) -> "FieldLattice":
     from survey.reconstruction.lattice.field_lattice import FieldLattice
 
-    config = config_of(settings.configs, FieldLatticeConfig)
+    config = settings.configs.get(FieldLatticeConfig)
     changes = {"step_m": config.step_m or settings.step_m, "rays": config.rays or settings.rays}
     return FieldLattice(config.model_copy(update=changes), settings.bounds)
 
 
 def _check_field(settings: ScanSettings) -> None:
     """Refuse a lattice with more nodes than fit into memory."""
-    config = config_of(settings.configs, FieldLatticeConfig)
+    config = settings.configs.get(FieldLatticeConfig)
     if settings.bounds is not None:
         step_m = config.step_m or settings.step_m or config.node_step_m
         require_room(NodeWindow.over(settings.bounds, step_m), config.bytes_per_node, config.memory_mb)
@@ -69,7 +68,7 @@ FIELD = ReconstructionMethod(
 def _begin_emap(settings: ScanSettings) -> "SpringLattice":
     from survey.reconstruction.lattice.spring_lattice import SpringLattice
 
-    config = config_of(settings.configs, SpringLatticeConfig)
+    config = settings.configs.get(SpringLatticeConfig)
     # The paper's lattice follows the sensor; a map of everything grows with the points.
     side_m = config.side_m if "side_m" in config.model_fields_set else None
     changes = {"step_m": config.step_m or settings.step_m, "side_m": side_m}
@@ -117,7 +116,7 @@ _THIN_M = 0.1
 def _begin_carving(settings: ScanSettings) -> "SpaceCarvingKernel":
     from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 
-    config = config_of(settings.configs, SpaceCarvingConfig)
+    config = settings.configs.get(SpaceCarvingConfig)
     if "thin_m" not in config.model_fields_set:
         config = config.model_copy(update={"thin_m": _THIN_M})
     return SpaceCarvingKernel(config)
@@ -127,7 +126,7 @@ def _check_carving(settings: ScanSettings) -> None:
     """Refuse kernels that do not fit into memory."""
     if settings.bounds is None:
         return
-    config = config_of(settings.configs, SpaceCarvingConfig)
+    config = settings.configs.get(SpaceCarvingConfig)
     xmin, ymin, xmax, ymax = settings.bounds
     reach_m = 2.0 * config.first_length_m
     require_kernel_memory(config, xmax - xmin + reach_m, ymax - ymin + reach_m, 0)

@@ -3,7 +3,7 @@
 A piece of a file is read in chunks; its points are appended to one file per tile in a draft folder, which is put in
 place by one rename. A piece that is there is not done again, so that a killed pass goes on where it was.
 `cell_statistics` reduces the points of a tile to the number, mean place, mean height and variance of each strip in each
-cell. `mean_heights` and `slopes` are rasters of the cells of a window, over all strips.
+cell, without the blunders that `blunders_in` finds. `mean_heights` and `slopes` are rasters of the cells of a window, over all strips.
 """
 
 import os
@@ -18,12 +18,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter, uniform_filter
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.files import replacing, write_refusal
 from survey.io.point_chunks import PointChunk, read_chunks
+from survey.reconstruction.observations import (
+    LEAST_TESTED,
+    MOST_TESTED,
+    NO_BLUNDERS,
+    Blunders,
+    least_blunder_m,
+)
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 
 _PIECE_POINTS = 2_500_000
@@ -200,20 +207,124 @@ CELL = np.dtype(
 place in the cell (0 to 1), mean height [m], and variance of the heights within the cell [m²]."""
 _AT_ONCE = 2_000_000
 _STRIPS_AT_ONCE = 8
+_MANY_IN_CELL = 3
 _N, _X, _Y, _Z, _M2 = range(5)
 
 
-def cell_statistics(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> npt.NDArray[np.void]:
+def cell_statistics(
+    layout: TileLayout, tile: MapTile, files: Sequence[Path], left_out: IntArray | None = None
+) -> npt.NDArray[np.void]:
     """Return the cells of a tile that hold points, for each strip, by rows, columns and strips.
 
-    Returns (N,): cells with their statistics.
+    Parameters
+    ----------
+    layout : TileLayout
+        Tiles of the map.
+    tile : MapTile
+        The tile.
+    files : sequence of pathlib.Path
+        Its sorted points; they are read in this order, which fixes the rounding.
+    left_out : (K,) ndarray of int, optional
+        Numbers of points that are left out, counted through all files.
+
+    Returns
+    -------
+    (N,) ndarray of `CELL`
+        Cells with their statistics.
+
+    Raises
+    ------
+    InputError
+        A file was cut off.
     """
     window = layout.window(tile)
     parts = [read_sorted(file) for file in files]
+    if left_out is not None and len(left_out):
+        starts = np.cumsum([0, *(len(part) for part in parts)])
+        parts = [
+            np.delete(part, left_out[(left_out >= first) & (left_out < first + len(part))] - first)
+            for part, first in zip(parts, starts, strict=False)
+        ]
     strips = np.unique(np.concatenate([np.unique(part["strip"]) for part in parts] or [np.zeros(0, "<u4")]))
     groups = np.split(strips, range(_STRIPS_AT_ONCE, len(strips), _STRIPS_AT_ONCE))
     cells = np.concatenate([_of_strips(group, parts, window, layout.cell_m) for group in groups])
     return cells[np.lexsort((cells["strip"], cells["column"], cells["row"]))]
+
+
+def blunders_in(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> Blunders:
+    """Return the points of a tile whose height is a blunder.
+
+    Where cells hold many points, only points in cells with a large range of heights, or beside such cells, are tested.
+
+    Parameters
+    ----------
+    layout : TileLayout
+        Tiles of the map.
+    tile : MapTile
+        The tile.
+    files : sequence of pathlib.Path
+        Its sorted points.
+
+    Returns
+    -------
+    Blunders
+        Their numbers count through all files; the places are in the CRS of the map.
+    """
+    window = layout.window(tile)
+    parts = [read_sorted(file) for file in files]
+    n = sum(len(part) for part in parts)
+    if n < LEAST_TESTED:
+        return NO_BLUNDERS
+    low, high = _ranges(parts, window, layout.cell_m)
+    is_seen = np.isfinite(low)
+    least_m = least_blunder_m(low[is_seen])
+    large = np.ones(low.shape, dtype=bool)
+    if n >= _MANY_IN_CELL * is_seen.sum() or n > MOST_TESTED:
+        lowest = minimum_filter(low, 3, mode="constant", cval=np.inf)
+        highest = maximum_filter(high, 3, mode="constant", cval=-np.inf)
+        large = binary_dilation(highest - lowest > least_m, iterations=2)
+        if not large.any():
+            return NO_BLUNDERS
+    starts = np.cumsum([0, *(len(part) for part in parts)])
+    tested = np.concatenate(
+        [
+            start + np.flatnonzero(large[_cells_of(part, window, layout.cell_m)])
+            for part, start in zip(parts, starts, strict=False)
+        ]
+    )
+    if not LEAST_TESTED <= len(tested) <= MOST_TESTED:
+        return NO_BLUNDERS
+    chosen = np.concatenate(
+        [
+            part[tested[(tested >= start) & (tested < start + len(part))] - start]
+            for part, start in zip(parts, starts, strict=False)
+        ]
+    )
+    corner = np.array([window.west, window.south]) * layout.cell_m
+    xy = np.column_stack([chosen["x"], chosen["y"]]) * STEP_M + corner
+    found = Blunders.among(np.column_stack([xy, chosen["z"] * STEP_M]), 0.0, least_m)
+    return found._replace(rows=tested[found.rows])
+
+
+def _ranges(
+    parts: Sequence[npt.NDArray[np.void]], window: CellWindow, cell_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and the highest height in each cell (H, W) [m]; infinite where a cell holds no point."""
+    shape = window.rows, window.columns
+    low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
+    for part in parts:
+        for first in range(0, len(part), _AT_ONCE):
+            points = part[first : first + _AT_ONCE]
+            cell, z = _cells_of(points, window, cell_m), points["z"] * STEP_M
+            np.minimum.at(low, cell, z)
+            np.maximum.at(high, cell, z)
+    return low, high
+
+
+def _cells_of(points: npt.NDArray[np.void], window: CellWindow, cell_m: float) -> tuple[IntArray, IntArray]:
+    """Return row and column in the window of the cell of each point."""
+    row, column = ((points[axis] * (STEP_M / cell_m)).astype(np.int64) for axis in ("y", "x"))
+    return row.clip(0, window.rows - 1), column.clip(0, window.columns - 1)
 
 
 def _of_strips(

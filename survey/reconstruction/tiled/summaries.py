@@ -16,6 +16,7 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.core.files import replacing
 from survey.reconstruction.tiled.cells import (
     STEP_M,
+    blunders_in,
     cell_statistics,
     mean_heights,
     slopes,
@@ -35,7 +36,8 @@ def summarise(job: TiledJob, tile: MapTile) -> int:
         return 0
     layout, window = job.layout, job.layout.window(tile)
     files = sorted_points(job.sorted_folder, list(job.pieces), tile)
-    cells = cell_statistics(layout, tile, files)
+    found = blunders_in(layout, tile, files)
+    cells = cell_statistics(layout, tile, files, found.rows)
     variance = detrended_variance(cells, window)
     usual = usual_variance(variance, cells["n"])
     cells["variance"] = variance
@@ -48,6 +50,7 @@ def summarise(job: TiledJob, tile: MapTile) -> int:
         "control": control_differences(cells, layout.cell_m, per_point, slope, control),
         "strips": _strip_table(cells, layout.cell_m),
         "blocks": relief_blocks(cells, slope, window, layout.cell_m, job.config.coarse_cells),
+        "blunders": np.column_stack([found.xy, found.above_m]),
         "usual_m2": np.array([usual, float((cells["n"] >= 4).sum())]),
     }
     with replacing(job.summary_file(tile)) as draft:

@@ -21,6 +21,7 @@ from survey.io.raster.large import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
 from survey.io.raster.writing import write_categories, write_raster
 from survey.reconstruction.nodes import bilinear
+from survey.reconstruction.observations import Blunders
 from survey.reconstruction.terrain_map import FACTS_SHA256, INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.tiled.fine_relief import FineRelief, fine_relief, strip_variance
 from survey.reconstruction.tiled.global_parameters import (
@@ -256,7 +257,7 @@ def write_results(
     transform = coverage.blocks.transform(coverage.side_m)
     write_raster(job.folder / "coverage.tif", {"coverage_95": coverage.share[::-1]}, transform, job.map_crs)
     test = WithheldTest.of(tested[:, 2], tested[:, 3])
-    facts = {
+    facts: dict[str, Any] = {
         "method": _METHOD,
         "quantity": "elevation_m",
         "hyperparameters": _hyperparameters(shared, learnt),
@@ -272,10 +273,24 @@ def write_results(
             "withheld": test.facts(),
         },
     }
+    blunders = _blunders(job, tiles)
+    if blunders:
+        facts["diagnostics"]["blunders"] = blunders
     with replacing(job.folder / "reconstruction.json") as draft:
         text = json.dumps(with_checksum(facts, FACTS_SHA256), indent=2, sort_keys=True)
         draft.write_text(text + "\n", encoding="utf-8")
     return TiledResult(facts, test, coverage)
+
+
+def _blunders(job: TiledJob, tiles: Sequence[MapTile]) -> list[dict[str, Any]]:
+    """Return the record of the points that were left out as blunders, the largest first; none where there are none."""
+    rows = np.concatenate([np.asarray(load_arrays(job.summary_file(tile))["blunders"]) for tile in tiles])
+    if not len(rows):
+        return []
+    rows = rows[np.argsort(-np.abs(rows[:, 2]), kind="stable")]
+    found = Blunders(np.arange(len(rows)), rows[:, :2], rows[:, 2])
+    facts = {name: np.asarray(value).tolist() for name, value in found.facts().items() if name != "rows"}
+    return [{"sentence": found.sentence(by_row=False), **facts}]
 
 
 def _hyperparameters(shared: GlobalParameters, learnt: ReliefHyperparameters) -> dict[str, float]:

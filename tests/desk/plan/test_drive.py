@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from desk.plan.drive import drives
+from desk.plan.summary import drives
 from tests.desk.conftest import SOUTH, WEST
 
 START = ((WEST + 210.0, SOUTH + 210.0),)

@@ -3,7 +3,7 @@
 import pytest
 
 from desk.plan.document import PlanDocument
-from desk.plan.error_map import error_map
+from desk.plan.summary import error_map
 from survey.core.errors import ConfigError, InputError
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from desk.runs.camera import latest_frame, watched_frames
+from desk.jobs.mission import latest_frame, watched_frames
 
 
 def write(folder: Path, *numbers: int) -> None:
@@ -23,7 +23,7 @@ def test_the_image_that_is_being_written_is_not_shown(tmp_path):
 
 
 def test_new_images_are_reported_while_the_run_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("desk.runs.camera._EVERY_S", 0.01)
+    monkeypatch.setattr("desk.jobs.mission._EVERY_S", 0.01)
     seen: list[str] = []
     with watched_frames(tmp_path, lambda frame: seen.append(frame.stem)):
         write(tmp_path / "frames", 0, 1)

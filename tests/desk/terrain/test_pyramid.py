@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from desk.terrain import pyramid as module
-from desk.terrain.levels import block_means
-from desk.terrain.palette import DEVIATION, ELEVATION, SLOPE
-from desk.terrain.pyramid import ElevationPyramid
+from desk.terrain.pyramid import ElevationPyramid, block_means
+from desk.terrain.shading import DEVIATION, ELEVATION, SLOPE
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

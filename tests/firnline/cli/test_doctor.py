@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError
 import pytest
 from typer.testing import CliRunner
 
-from firnline.cli.diagnosis.machine import disk_finding, memory_finding
+from firnline.cli.diagnosis import disk_finding, memory_finding
 from firnline.cli.main import app
 
 
@@ -39,7 +39,7 @@ def test_a_missing_package_is_named_with_what_to_do(monkeypatch: pytest.MonkeyPa
             raise PackageNotFoundError(name)
         return "99"
 
-    monkeypatch.setattr("firnline.cli.diagnosis.packages.version", found)
+    monkeypatch.setattr("firnline.cli.diagnosis.version", found)
     code, said = doctor()
     assert code == 1
     assert "LOOK  scipy                    missing; install firnline again" in said

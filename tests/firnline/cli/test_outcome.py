@@ -9,8 +9,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from firnline.cli.options import Verbose
 from firnline.cli.outcome import INTERRUPTED, OUTPUT_CLOSED, with_exit_codes
+from firnline.cli.request import Verbose
 from survey.core.errors import CapacityError, ConfigError, InputError
 
 FIRNLINE = [sys.executable, "-m", "firnline"]

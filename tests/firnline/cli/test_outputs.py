@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from firnline.cli.outputs import refuse_existing
+from firnline.actions.interface import refuse_existing
 from survey import InputError
 
 OWN = ("*.tif",)

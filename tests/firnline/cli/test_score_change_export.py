@@ -94,7 +94,7 @@ def test_score_assigns_the_named_crs_to_rasters_in_a_local_one(site: Path) -> No
 
 
 def test_score_in_blocks_assigns_the_named_crs_too(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("firnline.cli.scoring.raster.LARGE", 100)
+    monkeypatch.setattr("firnline.actions.scoring.LARGE", 100)
     plane = Dem.read("map.tif")
     Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
     assert "  RMSE               0.000 m" in output_of(

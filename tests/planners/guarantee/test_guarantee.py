@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firnline.cli.planning.guarantee import refusal_text
+from firnline.actions.guaranteeing import refusal_text
 from planners.guarantee.guarantee import SwathSearch, guarantee
 from planners.guarantee.requirement import MapRequirement
 from survey import Dem, Grid

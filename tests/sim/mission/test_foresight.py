@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import shapely
-import typer
 
-from firnline.cli.planning.foresight import print_options_of
+from firnline.actions.guaranteeing import survey_options
+from firnline.actions.interface import NotMetError
 from planners import RandomWanderConfig
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, covariance_of_cells, predict_survey, surveys_within
@@ -90,24 +90,22 @@ def test_patterns_without_a_number_of_swaths_to_vary_are_refused():
         list(surveys_within(wander, world(), limit_m=1.0))
 
 
-def test_the_command_prints_the_survey_with_the_least_to_drive(capsys):
+def test_the_lines_begin_with_the_survey_with_the_least_to_drive():
     site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
     asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
-    print_options_of(asked, 10.0, 0.5, as_json=False)
-    printed = capsys.readouterr().out
+    printed = "\n".join(survey_options(asked, 10.0, 0.5).lines())
     assert printed.startswith("least to drive: 2 swaths: ")
     assert "not included       relief that the prior's cells do not show" in printed
 
 
-def test_the_command_ends_with_5_where_no_survey_is_enough(capsys, monkeypatch):
+def test_a_class_that_no_survey_reaches_is_not_met(monkeypatch):
     site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
     asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     # The search itself tries 24 surveys, which takes a minute.
     monkeypatch.setattr("sim.mission.foresight.surveys_within", lambda *_, **__: iter(()))
-    with pytest.raises(typer.Exit) as ending:
-        print_options_of(asked, 0.001, 0.5, as_json=False)
+    with pytest.raises(NotMetError, match="ask for a larger error") as ending:
+        survey_options(asked, 0.001, 0.5)
     assert ending.value.exit_code == 5
-    assert "ask for a larger error" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,12 @@ def test_settings_of_planners_import_no_compiled_layouts():
     assert not loaded_by("from firnline import LawnmowerConfig, WavyConfig, Rover, Fleet") & (
         heavy | {"scipy"}
     )
-    assert not loaded_by("from planners import BestConfig, VarianceDrivenConfig; from planners.registry import PlannerConfig") & heavy
+    assert (
+        not loaded_by(
+            "from planners import BestConfig, VarianceDrivenConfig; from planners.registry import PlannerConfig"
+        )
+        & heavy
+    )
 
 
 @pytest.mark.parametrize("package", PACKAGES)

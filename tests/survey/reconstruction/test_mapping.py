@@ -112,7 +112,9 @@ def test_points_on_one_line_are_mapped_and_determine_no_plane() -> None:
 
 def test_points_far_off_are_left_out_and_counted() -> None:
     far = points(np.vstack([np.random.default_rng(0).uniform(0, 100, (50, 2)), [[90_000.0, 0.0]]]))
-    result = reconstruct(far, GRID, config=FIXED)
+    with pytest.raises(InputError, match="lies far from all others"):
+        reconstruct(far, GRID, config=FIXED)
+    result = reconstruct(far, GRID, config=FIXED, area=SurveyArea.rectangle(GRID.bounds, CRS))
     assert result.diagnostics["n_points_beyond_reach"] == 1
     assert result.diagnostics["n_points"] == 50
 

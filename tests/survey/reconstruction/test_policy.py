@@ -13,7 +13,8 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.policy import chosen_method, map_landmarks
+from survey.reconstruction.mapping import chosen_method
+from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registry import ReconstructionConfig
 
 CRS = "EPSG:32608"
@@ -54,7 +55,8 @@ def test_gp_becomes_joint_where_points_share_the_errors_of_their_path(
     settings: dict[str, object], has_path: bool, name: str
 ) -> None:
     config = ReconstructionConfig(**settings)  # type: ignore[arg-type]
-    assert chosen_method(config, path() if has_path else None).name == name
+    shared = path() if has_path else None
+    assert chosen_method(config.method, shared, config.landmark_errors).name == name
 
 
 def test_independent_landmarks_count_by_their_own_errors_alone() -> None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from firnline.cli.outputs import refuse_existing
+from firnline.actions.interface import refuse_existing
 from survey.core.replacement import resolved
 
 

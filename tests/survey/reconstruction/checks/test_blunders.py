@@ -77,7 +77,7 @@ def test_blunders_are_found_with_their_rows_places_and_sizes() -> None:
 def test_a_single_blunder_among_few_points_is_found() -> None:
     array = xyz(40)
     array[7, 2] += 200.0
-    found = Blunders.among(points(array))
+    found = Blunders.among(array, 0.05)
     assert found.rows.tolist() == [7]
     assert found.sentence().startswith(
         "1 point stands alone in height and counts as a blunder: it is point 8"

@@ -1,1 +1,0 @@
-"""Real measurements: their files, the map made from them, its score, and the swath to drive next."""

@@ -1,0 +1,227 @@
+"""Routes of jobs and of real measurements.
+
+A job is started, followed by server-sent events and given up. Measurements are taken as files and shown.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any, Literal
+
+from anyio import to_thread
+from pydantic import Field
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
+
+from desk.jobs.job import Event, Job
+from desk.plan.document import PlanDocument
+from desk.server.replies import body_of, report_file
+from desk.workspace import Workspace
+from survey.core.arrays import FloatArray
+from survey.core.config import Section, validated
+from survey.core.errors import ConfigError, InputError
+from survey.core.streams import stream
+
+Work = Callable[[Job], dict[str, Any]]
+
+
+def work_of(workspace: Workspace, kind: str) -> Work:
+    """Return the computation of a kind of job.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Terrain and plan.
+    kind : {"guarantee", "curve", "mission", "map", "next", "watch"}
+        What is to be computed.
+
+    Returns
+    -------
+    callable
+        Takes the job, to which it reports.
+    """
+    document = workspace.store.document
+    return lambda job: _WORKS[kind](workspace, document, job)
+
+
+def _guarantee(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.jobs.computations import guaranteed
+
+    return guaranteed(workspace.planner, document, workspace.name, job)
+
+
+def _curve(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.jobs.computations import error_curve
+
+    return error_curve(workspace.planner, document, job)
+
+
+def _mission(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.jobs.mission import mission_run
+    from desk.plan.exports import write_mission
+
+    job.report("stage", stage="writing the mission", done=0, total=7)
+    live = workspace.planner.exact(document)
+    folder = workspace.folder / f"{workspace.name}_mission"
+    return mission_run(write_mission(live, document, workspace.name, folder), live.plan.kernel, job)
+
+
+def _map(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.measured import measured_map
+
+    points = workspace.measured_file("points")
+    if points is None:
+        raise InputError("no measured points were taken; choose their file first.")
+    return measured_map(
+        document.survey_area(workspace.crs),
+        points,
+        workspace.terrain,
+        workspace.measurements,
+        checkpoints=workspace.measured_file("checkpoints"),
+        progress=job.progress,
+    )
+
+
+def _next(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.measured import SIGMA_M, proposed_swath
+    from desk.plan.request import requirement_request
+    from firnline.actions.guaranteeing import requirement_of
+    from survey.data.route import Route
+    from survey.data.surface_points import SurfacePoints
+
+    points, driven = workspace.measured_file("points"), workspace.measured_file("driven")
+    if points is None:
+        raise InputError("no measured points were taken; choose their file first.")
+    if not document.requirement.get("require"):
+        raise ConfigError("no class is required; choose one, or an RMSE in metres, under Require.")
+    job.progress("fitting the terrain to the measurements", 1, 2)
+    area = document.survey_area(workspace.crs)
+    route = workspace.planner.exact(document).plan.route if driven is None else Route.read(driven)
+    found = proposed_swath(
+        area,
+        workspace.planner.prior(area),
+        route,
+        SurfacePoints.read(points, crs=workspace.crs, sigma_m=SIGMA_M),
+        requirement=requirement_of(requirement_request(document, workspace.terrain)),
+        file=workspace.measurements / "next.geojson",
+    )
+    assumed = " The route of the plan counts as driven." if driven is None else ""
+    return {**found, "sentence": found["sentence"] + assumed}
+
+
+def _watch(workspace: Workspace, _: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.jobs.computations import watched
+
+    return watched(workspace.folder / f"{workspace.name}.watch.jsonl", workspace.crs, job)
+
+
+_WORKS: dict[str, Callable[[Workspace, PlanDocument, Job], dict[str, Any]]] = {
+    "guarantee": _guarantee,
+    "curve": _curve,
+    "mission": _mission,
+    "map": _map,
+    "next": _next,
+    "watch": _watch,
+}
+
+
+class JobRequest(Section):
+    """Job that the page asks for."""
+
+    kind: Literal["guarantee", "curve", "mission", "map", "next", "watch"]
+    """What is to be computed, of the document as it stands."""
+
+
+async def start(request: Request) -> Response:
+    """Start a job of the document as it stands."""
+    workspace: Workspace = request.app.state.workspace
+    given = validated(JobRequest, await body_of(request), "the request")
+    job = workspace.jobs.start(work_of(workspace, given.kind))
+    return JSONResponse({"job": job.name}, 201)
+
+
+def events(request: Request) -> Response:
+    """Answer with the events of a job as they come."""
+    job = request.app.state.workspace.jobs.find(request.path_params["job"])
+    return StreamingResponse(_lines(job), media_type="text/event-stream")
+
+
+def cancel(request: Request) -> Response:
+    """Give a job up."""
+    request.app.state.workspace.jobs.find(request.path_params["job"]).cancel()
+    return JSONResponse({})
+
+
+def frame(request: Request) -> Response:
+    """Answer with the latest image of a run that is being simulated."""
+    job = request.app.state.workspace.jobs.find(request.path_params["job"])
+    image = job.files.get("frame")
+    if image is None:
+        return PlainTextResponse("There is no image yet.", 404)
+    return Response(image, media_type="image/png")
+
+
+def report(request: Request) -> Response:
+    """Answer with a file of the report of a run; its scripts do not run here."""
+    job = request.app.state.workspace.jobs.find(request.path_params["job"])
+    return report_file(job.files.get("report"), request.path_params["name"])
+
+
+def _lines(job: Job) -> Iterator[str]:
+    for event in job.events():
+        yield ": waiting\n\n" if event is None else _line(event)
+
+
+def _line(event: Event) -> str:
+    return f"data: {json.dumps(event)}\n\n"
+
+
+_ROLES: tuple[Literal["points", "checkpoints", "driven"], ...] = ("points", "checkpoints", "driven")
+
+
+class CheckpointRequest(Section):
+    """Number of checkpoints that are wanted."""
+
+    n: int = Field(default=30, ge=1, le=200)
+    """How many."""
+
+
+async def checkpoints(request: Request) -> Response:
+    """Answer with places for checkpoints, well spread over gentle ground of the area."""
+    workspace: Workspace = request.app.state.workspace
+    given = validated(CheckpointRequest, await body_of(request), "the request")
+    places = await to_thread.run_sync(_checkpoint_places, workspace, given.n)
+    return JSONResponse({"places": places.round(2).tolist()})
+
+
+def _checkpoint_places(workspace: Workspace, n: int) -> FloatArray:
+    from survey.scoring import design_checkpoints
+
+    area = workspace.store.document.survey_area(workspace.crs)
+    terrain = workspace.planner.prior(area)
+    return design_checkpoints(area, n, stream(0, "desk", "checkpoints"), terrain=terrain)
+
+
+async def take(request: Request) -> Response:
+    """Check a file, store it beside the plan, and answer with what it holds; the page names it in the document."""
+    from desk.measured import store_measured
+
+    workspace: Workspace = request.app.state.workspace
+    content = await request.body()
+    role, name = request.path_params["role"], request.query_params.get("name", "")
+    found = await to_thread.run_sync(
+        store_measured, role, name, content, workspace.crs, workspace.measurements
+    )
+    return JSONResponse(found)
+
+
+def show(request: Request) -> Response:
+    """Answer with the files that the document names."""
+    from desk.measured import show_measured
+
+    workspace: Workspace = request.app.state.workspace
+    shown: list[dict[str, Any]] = []
+    for role in _ROLES:
+        file = workspace.measured_file(role)
+        if file is not None and file.exists():
+            shown.append(show_measured(role, file, workspace.crs))
+    return JSONResponse({"files": shown})

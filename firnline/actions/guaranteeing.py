@@ -1,0 +1,465 @@
+"""Plans that guarantee a map class: before the survey, with the errors that the path shares, or swath by swath."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from firnline.actions.interface import NotMetError, Progress, Result, fact_line, no_progress
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
+from survey.core.text import length_text
+
+if TYPE_CHECKING:
+    import survey
+    from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveSurvey
+    from planners.guarantee.guarantee import Guarantee
+    from planners.guarantee.requirement import MapRequirement, Surface
+    from sim.config.mission import MissionConfig
+    from sim.mission.foresight import PredictedSurvey
+    from survey.reconstruction.gp.kernels import Kernel
+
+
+def limit_of(require: str) -> float:
+    """Return the widest limit of a class of the paper's tables [m], or the number of metres that was given."""
+    from survey.core.errors import ConfigError
+    from survey.scoring.standards.map_classes import map_classes
+
+    widest = {row.map_class.lower().replace(" ", "-"): row.limit_m for row in reversed(map_classes())}
+    if require in widest:
+        return widest[require]
+    try:
+        return float(require)
+    except ValueError as error:
+        raise ConfigError(
+            f"--require {require} is no map class; take {', '.join(sorted(widest))} or an error in metres."
+        ) from error
+
+
+def requirement_of(request: PlanRequest) -> "MapRequirement":
+    """Return what the map has to meet."""
+    from planners.guarantee.requirement import MapRequirement
+
+    return MapRequirement(
+        limit_of(str(request.require)),
+        request.probability,
+        noise_m=request.noise_m,
+        localization_m=request.localization_m,
+        prior_sigma_m=request.prior_sigma_m,
+        assumed=request.assume,
+        surface=cast("Surface", request.surface),
+        micro_relief_m=request.micro_relief_m,
+        shared_m=request.shared_m,
+        max_swaths=request.max_swaths,
+    )
+
+
+def prior_of(request: PlanRequest) -> "tuple[survey.SurveyArea, survey.Dem]":
+    """Read the area and the prior that a guarantee needs."""
+    from survey.core.errors import InputError
+
+    if request.prior is None:
+        raise InputError("a guarantee needs the roughness of the terrain; give a coarse DEM with --prior.")
+    area, prior = request.read_area()
+    return area, cast("survey.Dem", prior)
+
+
+def found_guarantee(
+    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement", progress: Progress
+) -> "Guarantee":
+    """Return the guarantee; refuse with one sentence where it does not hold."""
+    from planners.guarantee.guarantee import guarantee
+
+    made = guarantee(area, prior, requirement, progress=progress)
+    if not made.holds:
+        raise NotMetError(refusal_text(made))
+    return made
+
+
+def refusal_text(made: "Guarantee") -> str:
+    """Return why a guarantee does not hold, and what can be reached, in one sentence."""
+    from planners.guarantee.requirement import reachable_class
+
+    requirement = made.requirement
+    reason = f" {contradiction_text(made)}; " if made.is_contradicted else " "
+    if made.predicted.probability >= requirement.probability:
+        return (
+            f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
+            f"to reach it with {made.predicted.probability:.0%}, but {len(made.simulated.rmse_m)} simulated surveys of other "
+            f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)});"
+            f"{reason}--adaptive learns how rough the ground is from its first swaths."
+        )
+    best = reachable_class(made.reachable_m)
+    return (
+        f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
+        f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}--adaptive "
+        "learns how rough the ground is from its first swaths."
+    )
+
+
+def contradiction_text(made: "Guarantee") -> str:
+    """Return by how much the relief of the prior contradicts the stated class of surface."""
+    without = "" if made.unstated_m is None else f", where the densest survey reaches {made.unstated_m:.3g} m"
+    return (
+        f"the relief of the prior contradicts surface {made.requirement.surface}: repeated at a smaller scale it gives "
+        f"{made.resampled_ratio:.1f} times the error predicted for that class; leave --surface out{without}"
+    )
+
+
+def _shares(made: "Guarantee") -> str:
+    """Return the share of simulated surveys that met the limit, by kind of ground."""
+    limit_m = made.requirement.limit_m
+    names = dict.fromkeys(made.simulated.grounds)
+    return ", ".join(f"{name} {made.simulated.share(limit_m, name):.0%}" for name in names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuaranteedPlan(PlanResult):
+    """Shortest route that guarantees a class.
+
+    Parameters
+    ----------
+    guarantee : Guarantee
+        The guarantee, and what it rests on.
+    """
+
+    guarantee: "Guarantee"
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, pattern, probabilities and assumptions."""
+        from planners.swaths.reference_lines import count_lines
+
+        made = self.guarantee
+        limit_m = made.requirement.limit_m
+        return {
+            **self.request.written,
+            "pattern": made.config.pattern,
+            "lines": count_lines(made.route),
+            "swaths": len(made.route.swaths),
+            "length_m": made.length_m,
+            "limit_m": limit_m,
+            "probability": made.predicted.probability,
+            "rmse_m": made.predicted.rmse_m,
+            "likely_rmse_m": made.likely.rmse_m,
+            "likely_swaths": made.likely_swaths,
+            "simulated_share": made.simulated_share,
+            "simulated_bound": made.simulated_bound,
+            "simulated_shares": {
+                name: made.simulated.share(limit_m, name) for name in dict.fromkeys(made.simulated.grounds)
+            },
+            "stakes": None if made.stakes is None else str(made.stakes),
+            "assumed": made.assumptions,
+        } | {
+            name: value
+            for name, value in made.route.prediction.items()
+            if name in ("map_scale", "prior_covered_share")
+        }
+
+    def lines(self) -> list[str]:
+        """Return the pattern and the guarantee, and what it rests on."""
+        from planners.swaths.reference_lines import swaths_text
+        from survey.core.text import length_text
+
+        made = self.guarantee
+        requirement = made.requirement
+        facts = {
+            "assumed": made.assumptions,
+            "predicted": f"RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%}; in "
+            f"{made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
+            f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least",
+        }
+        if made.is_contradicted:
+            facts["but"] = contradiction_text(made)
+        if made.likely_swaths < (made.config.swaths or 0):
+            facts["likeliest ground"] = (
+                f"RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are enough; --adaptive finds out"
+            )
+        if made.stakes is not None:
+            facts["or"] = str(made.stakes)
+        facts["not included"] = "errors of position that grow along the path (--joint predicts them)"
+        facts["written to"] = self.request.written_text
+        first = (
+            f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
+            f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
+        )
+        return [first, *(fact_line(name, text) for name, text in facts.items())]
+
+
+def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> GuaranteedPlan:
+    """Plan the shortest route that guarantees the class."""
+    requirement = requirement_of(request)
+    area, prior = prior_of(request)
+    made = found_guarantee(area, prior, requirement, progress)
+    best = made.posterior.likeliest
+    drawing = drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m)
+    return GuaranteedPlan(request=request, route=made.route, drawing=drawing, guarantee=made)
+
+
+def drawing_of(
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    *,
+    kernel: "Kernel | None" = None,
+    noise_m: float = 0.0,
+) -> PlanDrawing:
+    """Return what is drawn of a route, with the predicted error of the map where a covariance is given."""
+    return PlanDrawing(area, prior, kernel, noise_m)
+
+
+_MOST_FURTHER = 6
+_ROUGHER = (
+    "relief that the prior's cells do not show, beyond reconstruction.gp.nugget_m (0.15 m by default); on rough ground it "
+    "is the larger error: firnline plan AREA --prior RASTER --require counts it, firnline rehearse tries it"
+)
+
+
+@dataclass(frozen=True)
+class SurveyOptions(Result):
+    """Surveys that meet a class, by numbers of swaths and stakes.
+
+    Parameters
+    ----------
+    best : PredictedSurvey
+        The one with the least to drive.
+    options : list of PredictedSurvey
+        All that meet it.
+    limit_m : float
+        Largest RMSE [m].
+    """
+
+    best: "PredictedSurvey"
+    options: list["PredictedSurvey"]
+    limit_m: float
+
+    def facts(self) -> dict[str, Any]:
+        """Return the limit and the surveys."""
+        return {"limit_m": self.limit_m, "ways": [way._asdict() for way in self.options]}
+
+    def survey_lines(self) -> list[str]:
+        """Return the surveys, the one with the least to drive first."""
+        others = [fact_line("or", way) for way in self.options if way != self.best]
+        return [f"least to drive: {self.best}", *others]
+
+    def lines(self) -> list[str]:
+        """Return the surveys, and what their prediction does not include."""
+        return [*self.survey_lines(), fact_line("not included", _ROUGHER)]
+
+
+def survey_options(mission: "MissionConfig", limit_m: float, probability: float) -> SurveyOptions:
+    """Return the surveys with which the map of a mission meets a class.
+
+    Raises
+    ------
+    NotMetError
+        There is none.
+    """
+    from sim.mission.capacity import require_mission
+    from sim.mission.foresight import surveys_within
+
+    world = require_mission(mission)
+    options = list(surveys_within(mission, world, limit_m=limit_m, probability=probability))
+    return SurveyOptions(_cheapest_of(options, limit_m, probability), options, limit_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointPlan(PlanResult):
+    """Route with the least to drive that meets a class with the errors that its path shares.
+
+    Parameters
+    ----------
+    surveys : SurveyOptions
+        Surveys that meet the class.
+    assumed : str
+        What the guarantee assumes.
+    """
+
+    surveys: SurveyOptions
+    assumed: str
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, limit and surveys."""
+        return {**self.request.written, **self.surveys.facts()}
+
+    def lines(self) -> list[str]:
+        """Return the surveys, and what they rest on."""
+        return [
+            *self.surveys.survey_lines(),
+            fact_line("assumed", self.assumed),
+            fact_line("written to", self.request.written_text),
+        ]
+
+
+def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointPlan:
+    """Plan the route with the least to drive that meets the class with the errors that its path shares.
+
+    No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
+    between the cells of the prior to be smooth.
+    """
+    import planners
+    from sim.config.mission import MissionConfig
+    from sim.mission.foresight import surveys_within
+    from sim.world.site import World
+    from survey.core.config import validated, with_overrides
+
+    stated = validated(
+        MissionConfig, with_overrides(_mission_values(request), request.settings), "the options"
+    )
+    area, prior = prior_of(request)
+    made = found_guarantee(area, prior, requirement_of(request), progress)
+    mission = stated.model_copy(update={"planner": made.config})
+    limit_m, least = made.requirement.limit_m, made.config.swaths or 1
+    found = surveys_within(
+        mission,
+        World(prior, prior, area),
+        limit_m=limit_m,
+        probability=request.probability,
+        least_swaths=least,
+        most_swaths=least + _MOST_FURTHER,
+    )
+    options = list(found)
+    best = _cheapest_of(options, limit_m, request.probability, least + _MOST_FURTHER)
+    config = made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
+    return JointPlan(
+        request=request,
+        route=planners.plan(area, prior, config),
+        drawing=drawing_of(area, prior),
+        surveys=SurveyOptions(best, options, limit_m),
+        assumed=f"{made.assumptions}; without errors of position {least} swaths are enough",
+    )
+
+
+def _mission_values(request: PlanRequest) -> dict[str, object]:
+    """Return what the options of the command say as a mission; the terrain is given beside it."""
+    return {
+        "schema_version": 1,
+        "name": "plan",
+        "terrain": {"source": "srtm-sample"},
+        "planner": {"pattern": "lawnmower", "swaths": 4},
+        "satellite": {"sigma_m": request.prior_sigma_m},
+        "reconstruction": {"joint": {"satellite": {"sigma_m": max(request.prior_sigma_m, 0.01)}}},
+    }
+
+
+def _cheapest_of(
+    options: list["PredictedSurvey"], limit_m: float, probability: float, most_swaths: int = 8
+) -> "PredictedSurvey":
+    """Return the survey with the least to drive; refuse where there is none."""
+    from sim.mission.foresight import cheapest
+
+    best = cheapest(options)
+    if best is None:
+        raise NotMetError(
+            f"no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
+            f"with {probability:.0%}; ask for a larger error, or for better sensors."
+        )
+    return best
+
+
+_TEXTS: dict[str, Callable[[Any], str]] = {
+    "length_m": length_text,
+    "probability": "{:.0%}".format,
+    "rmse_m": "{:.2f} m".format,
+}
+"""Facts that people read in other units than machines."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptivePlan(PlanResult):
+    """First swaths of a survey, or the next one; without a route the guarantee holds already.
+
+    Parameters
+    ----------
+    stated : mapping of str to object
+        What is known of them.
+    """
+
+    stated: Mapping[str, Any]
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, length and what is known."""
+        if self.route is None:
+            return dict(self.stated)
+        return {**self.request.written, "length_m": self.route.ground_length_m, **self.stated}
+
+    def lines(self) -> list[str]:
+        """Return the facts with their units."""
+        return [
+            fact_line(name.removesuffix("_m").replace("rmse", "predicted RMSE"), _TEXTS.get(name, str)(value))
+            for name, value in self.facts().items()
+        ]
+
+
+def plan_adaptive(request: PlanRequest, progress: Progress = no_progress) -> AdaptivePlan:
+    """Plan the first swaths, or the next one after what was driven and measured."""
+    from survey.core.errors import ConfigError
+
+    del progress
+    if (request.driven is None) != (request.measured is None):
+        raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
+    if request.assume is not None:
+        raise ConfigError("--adaptive fits the covariance to the survey; leave out --assume.")
+    requirement = requirement_of(request)
+    area, prior = prior_of(request)
+    if request.driven is not None and request.measured is not None:
+        return _plan_next(request, request.driven, request.measured, area, prior)
+    return _plan_first(request, area, prior, requirement)
+
+
+def swath_advice(
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    driven: "survey.Route",
+    points: "survey.SurfacePoints",
+    requirement: "MapRequirement",
+) -> "AdaptiveSurvey":
+    """Return the swath to drive next after what was driven and measured, or that none is needed or none would help."""
+    from planners.guarantee.adaptive import next_swath
+
+    config = _adaptive_config(area, prior, requirement)
+    return next_swath(area, driven, points.xy, points.xyz[:, 2], config)
+
+
+def _adaptive_config(
+    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
+) -> "AdaptiveConfig":
+    """Return the settings of a survey swath by swath, across the grain of the terrain."""
+    from planners.guarantee.adaptive import AdaptiveConfig
+    from planners.routes.shortest_paths import FreeGround
+    from planners.swaths.heading import across_marked_grain
+
+    return AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
+
+
+def _plan_first(
+    request: PlanRequest, area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
+) -> AdaptivePlan:
+    """Plan the first swaths."""
+    from planners.guarantee.adaptive import first_swaths
+    from planners.guarantee.guarantee import posterior_of
+
+    config = _adaptive_config(area, prior, requirement)
+    route = first_swaths(area, posterior_of(area, prior, requirement), config)
+    step = "drive and measure them, then run this again with --driven and --measured"
+    stated = {"swaths": len(route.swaths), "next": step}
+    return AdaptivePlan(request=request, route=route, drawing=drawing_of(area, prior), stated=stated)
+
+
+def _plan_next(
+    request: PlanRequest, driven: Path, measured: Path, area: "survey.SurveyArea", prior: "survey.Dem"
+) -> AdaptivePlan:
+    """Plan the next swath, find that none is needed, or refuse where none would help."""
+    from survey import Route, SurfacePoints
+
+    points = SurfacePoints.read(measured, crs=area.crs.to_wkt())
+    requirement = requirement_of(request)
+    advice = swath_advice(area, prior, Route.read(driven), points, requirement)
+    if not advice.holds:
+        raise NotMetError(
+            f"no further swaths would reach {requirement.limit_m:.4g} m with {requirement.probability:.0%}; "
+            f"the densest survey is predicted to err {advice.predicted.rmse_m:.3g} m."
+        )
+    predicted = advice.predicted
+    stated: dict[str, Any] = {"probability": predicted.probability, "rmse_m": predicted.rmse_m}
+    if advice.route is None:
+        stated = {"done": "the guarantee holds, no more driving is needed", **stated}
+    return AdaptivePlan(request=request, route=advice.route, drawing=drawing_of(area, prior), stated=stated)

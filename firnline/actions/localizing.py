@@ -1,0 +1,585 @@
+"""Estimate path and landmarks from a recording, and calibrate the camera."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    Preview,
+    Progress,
+    Result,
+    fact_line,
+    figure_lines,
+    needs_live_extra,
+    no_progress,
+    refuse_existing,
+)
+from firnline.actions.requests import columns_option, epoch_option
+
+if TYPE_CHECKING:
+    from survey.data.ice_motion import IceMotion
+    from vision_slam.calibration import Board, CameraCalibration
+    from vision_slam.drive_estimate import DriveEstimate
+    from vision_slam.evaluation import Comparison
+    from vision_slam.recorded_drive import RecordedDrive
+
+
+_ICE = "ice."
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalizeRequest:
+    """Recording to localize; None stands for an option that was not given."""
+
+    source: Annotated[
+        Path,
+        Argument(
+            help="Recording, ROS bag, folder in KITTI, TUM, EuRoC layout or of images with times, or log of an autopilot "
+            "(ArduPilot .bin .tlog, PX4 .ulg)."
+        ),
+    ]
+    camera: Annotated[
+        Path | None, Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+    ] = None
+    topics: Annotated[
+        list[str], Option("--topic", help="Topic of a bag, where it has several of a kind.")
+    ] = field(default_factory=list)
+    gps: Annotated[
+        Path | None,
+        Option(
+            "--gps",
+            help="Fixes recorded beside the images: NMEA, u-blox .ubx, GnssLogger .txt, RTKLIB .pos, .gpx or .csv.",
+        ),
+    ] = None
+    columns: Annotated[
+        list[str],
+        columns_option(
+            "Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy."
+        ),
+    ] = field(default_factory=list)
+    frame_rate_hz: Annotated[
+        float | None,
+        Option(
+            "--frame-rate",
+            min=1e-3,
+            help="Images per second, where neither names nor files state times [Hz].",
+        ),
+    ] = None
+    crs: Annotated[
+        str | None,
+        Option("--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."),
+    ] = None
+    gps_shift_s: Annotated[
+        float,
+        Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+    ] = 0.0
+    scale_from_m: Annotated[
+        float | None,
+        Option("--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."),
+    ] = None
+    epoch_s: Annotated[
+        float | None,
+        epoch_option(
+            "The ice moves: estimate its motion, and give path and landmarks of this time of the recording [s]. Its prior, "
+            "0 ± 3 m a day, is set by --set ice.velocity_m_per_day, ice.velocity_sigma_m_per_day, ice.velocity_files (four rasters) "
+            "and others."
+        ),
+    ] = None
+    reference: Annotated[
+        Path | None,
+        Option(
+            "--reference",
+            help="Reference path to compare with (.tum, .csv, KITTI poses, or fixes as --gps takes them); the estimator does not use it.",
+        ),
+    ] = None
+    viewer: Annotated[
+        Path | None, Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
+    ] = None
+    settings: Annotated[
+        list[str],
+        Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
+        ),
+    ] = field(default_factory=list)
+    lens: Annotated[
+        Literal["auto", "given", "refine"],
+        Option(
+            "--lens",
+            help="Estimate radial distortion and focal length from the images, or use them as given; auto estimates them where the calibration states no distortion.",
+        ),
+    ] = "auto"
+    out: Annotated[Path, Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")] = (
+        Path("localization")
+    )
+    force: Annotated[bool, Option("--force", help="Replace an existing localization.")] = False
+
+    @property
+    def overrides(self) -> list[str]:
+        """Settings as KEY=VALUE, with that of the lens."""
+        own = [one for one in self.settings if not one.startswith(_ICE)]
+        return own if self.lens == "auto" else [*own, f"visual.lens={self.lens}"]
+
+    def prior_motion(self, drive: "RecordedDrive") -> "IceMotion | None":
+        """Return the prior of the motion of the ice; None where no epoch was named.
+
+        Raises
+        ------
+        InputError
+            Settings of the motion without an epoch, or a recording without fixes.
+        """
+        from sim.config.world import IceAssumptions
+        from sim.world.moving_ice import assumed_motion
+        from survey.core.config import validated, with_overrides
+        from survey.core.errors import InputError
+        from survey.data.recording import Recording
+
+        stated = [one for one in self.settings if one.startswith(_ICE)]
+        if self.epoch_s is None:
+            if stated:
+                raise InputError(f"--set {stated[0]} is of moving ice; add --epoch, or leave it out.")
+            return None
+        if not isinstance(drive.records, Recording):
+            raise InputError(
+                "--epoch estimates the motion of the ice, and the recording has no fixes; add --gps, or leave --epoch out."
+            )
+        values = with_overrides({"ice": {}}, stated)["ice"]
+        assumed = validated(IceAssumptions, values, "--set")
+        records = drive.records
+        return assumed_motion(assumed, self.epoch_s, records.gps.position[:, :2], records.crs)
+
+    def check_outputs(self) -> None:
+        """Refuse outputs that exist or are inputs, and a viewer's file that cannot be written."""
+        from vision_slam.results import OWN_FILES
+
+        inputs = (self.source, self.camera, self.gps, self.reference)
+        refuse_existing([self.out], force=self.force, inputs=inputs, own=OWN_FILES)
+        if self.viewer is not None:
+            from vision_slam.results import refuse_without_rerun
+
+            refuse_existing([self.viewer], force=self.force, inputs=inputs)
+            refuse_without_rerun()
+
+    def open(self) -> "RecordedDrive":
+        """Open the recording with the files and options that belong to it."""
+        from vision_slam.recordings import open_recording
+
+        if self.source.suffix.lower() in LOG_ENDINGS and not self.source.is_dir():
+            self._refuse_image_options()
+            return opened_log(self.source, self.crs)
+
+        return open_recording(
+            self.source,
+            camera=self.camera,
+            topics=self.topics,
+            gps=self.gps,
+            crs=self.crs,
+            gps_shift_s=self.gps_shift_s,
+            scale_from_m=self.scale_from_m,
+            columns=self.columns,
+            frame_rate_hz=self.frame_rate_hz,
+        )
+
+    def _refuse_image_options(self) -> None:
+        """Refuse options of images and of other fixes beside the log of an autopilot."""
+        from survey.core.errors import ConfigError
+
+        given = {
+            "--camera": self.camera,
+            "--topic": self.topics or None,
+            "--gps": self.gps,
+            "--scale-from": self.scale_from_m,
+            "--columns": self.columns or None,
+            "--frame-rate": self.frame_rate_hz,
+        }
+        stated = [name for name, value in given.items() if value is not None]
+        if stated:
+            raise ConfigError(
+                f"{self.source.name} is the log of an autopilot with fixes of its own; leave {', '.join(stated)} out."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalizationResult(Result):
+    """Path and landmarks of a drive.
+
+    Parameters
+    ----------
+    request : LocalizeRequest
+        What was asked for.
+    drive : RecordedDrive
+        The recording.
+    estimate : DriveEstimate
+        Path and landmarks.
+    comparison : Comparison, optional
+        Comparison with the reference.
+    seconds : float
+        Time that the estimate took [s].
+    """
+
+    request: LocalizeRequest
+    drive: "RecordedDrive"
+    estimate: "DriveEstimate"
+    comparison: "Comparison | None"
+    seconds: float
+
+    def write(self, out: Path | None = None) -> "LocalizationResult":
+        """Write files and pictures, and the file of rerun's viewer where it is asked for.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            The folder; that of the request by default.
+
+        Returns
+        -------
+        LocalizationResult
+            The result at its place.
+        """
+        from survey.core.replacement import replacing_folder
+        from vision_slam.results import OWN_FILES, draw_localization, write_localization, write_pictures
+
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        drive, estimate = self.drive, self.estimate
+        with replacing_folder(placed.request.out, own=OWN_FILES) as folder:
+            write_localization(folder, estimate)
+            write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, self.comparison))
+        if self.request.viewer is not None:
+            from vision_slam.results import write_rrd
+
+            write_rrd(self.request.viewer, estimate, drive.records)
+        return placed
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the reader and the estimator did or assumed."""
+        return (*self.drive.notes, *self.estimate.notes)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the figures of path, landmarks and comparison."""
+        stated = {"notes": "; ".join(self.remarks)} if self.remarks else {}
+        return self._figures | stated
+
+    @property
+    def _figures(self) -> dict[str, Any]:
+        return _summary(self.estimate, self.comparison, self.seconds)
+
+    def lines(self) -> list[str]:
+        """Return the figures, notes, pictures, and the next step."""
+        out = self.request.out
+        if (out / "landmarks.gpkg").exists():
+            step = f"firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif"
+        elif (out / "track.gpkg").exists():
+            step = "correct calibration or times as the notes name them, and localize again"
+        else:
+            step = "name fixes with --gps for a path in a CRS, or wheels.csv for metres"
+        return [
+            f"written to {out}",
+            *figure_lines(self._figures),
+            *(fact_line("note", note) for note in self.remarks),
+            fact_line("pictures", ", ".join(str(file) for file in sorted(out.glob("*.png")))),
+            fact_line("next", step),
+        ]
+
+
+def localize(request: LocalizeRequest, progress: Progress = no_progress) -> LocalizationResult:
+    """Estimate the path of a rover and its landmarks from a recording.
+
+    Parameters
+    ----------
+    request : LocalizeRequest
+        Recording, calibration, fixes and settings.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    LocalizationResult
+        Path and landmarks; `LocalizationResult.write` writes them.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used, or an output that exists.
+    ConfigError
+        A setting that is unknown or wrong.
+    """
+    drive, motion, judge = _opened(request)
+    config, visual_config = drive.config(request.overrides), drive.visual_config(request.overrides)
+    began = perf_counter()
+    estimate = drive.localize(config, progress, visual_config=visual_config, motion=motion)
+    seconds = perf_counter() - began
+    return LocalizationResult(
+        request=request,
+        drive=drive,
+        estimate=estimate,
+        comparison=drive.compare(estimate, judge),
+        seconds=seconds,
+    )
+
+
+def preview_localization(request: LocalizeRequest) -> Preview:
+    """Read a recording and check the settings, and return what was read."""
+    drive, _, _ = _opened(request)
+    drive.config(request.overrides)
+    drive.visual_config(request.overrides)
+    facts: dict[str, object] = {
+        "images": 0 if drive.records.frames is None else len(drive.records.frames.time_s),
+        "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
+    }
+    notes = {f"note {k}": note for k, note in enumerate(drive.notes, start=1)}
+    return Preview.of([request.out], facts | notes)
+
+
+def _opened(request: LocalizeRequest) -> "tuple[RecordedDrive, IceMotion | None, Any]":
+    """Return the recording, the prior of the motion of the ice, and the reference."""
+    request.check_outputs()
+    drive = request.open()
+    motion = request.prior_motion(drive)
+    return drive, motion, None if request.reference is None else drive.read_reference(request.reference)
+
+
+def _summary(estimate: "DriveEstimate", comparison: "Comparison | None", seconds: float) -> dict[str, Any]:
+    """Return the figures that the command prints."""
+    import numpy as np
+
+    summary: dict[str, Any] = {
+        "poses": len(estimate.time_s),
+        "length_m": estimate.length_m,
+        "landmarks": len(estimate.landmarks),
+    }
+    visual = estimate.visual_odometry
+    if visual is not None:
+        n_blind = sum(not frame.is_visual for frame in visual.health[1:])
+        summary |= {"frames_without_vision": n_blind, "frames_lost": int(visual.is_lost.sum())}
+        summary["frames_per_s"] = len(visual.health) / max(seconds, 1e-9)
+    if estimate.covariance is not None:
+        summary["end_sigma_m"] = float(np.sqrt(np.linalg.eigvalsh(estimate.covariance[-1, :2, :2])[-1]))
+    if estimate.is_lost is not None:
+        summary["poses_lost"] = int(estimate.is_lost.sum())
+    if estimate.trajectory is not None:
+        summary |= {"fixes": estimate.n_fixes, "fixes_refused": estimate.n_fixes_refused}
+    if estimate.ice_motion is not None:
+        summary |= _motion_figures(estimate.ice_motion)
+    if comparison is not None:
+        summary |= comparison.figures
+    return summary
+
+
+def _motion_figures(motion: "IceMotion") -> dict[str, float]:
+    """Return speed and lowering where changes of velocity count from, with their standard deviations."""
+    import numpy as np
+
+    (east, north, rise), sigma = (one(motion.origin_m[None])[0] for one in (motion.rates, motion.rates_sigma))
+    return {
+        "ice_speed_m_per_day": float(np.hypot(east, north)),
+        "ice_speed_sigma_m_per_day": float(sigma[:2].max()),
+        "ice_lowering_m_per_day": float(-rise),
+        "ice_lowering_sigma_m_per_day": float(sigma[2]),
+    }
+
+
+LOG_ENDINGS = (".bin", ".tlog", ".ulg")
+
+
+def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
+    """Open the log of an autopilot as a recording.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        Ends in one of `LOG_ENDINGS`.
+    crs : str, optional
+        Projected CRS.
+
+    Returns
+    -------
+    RecordedDrive
+        With fixes, wheels and inertial readings, as far as the log has them.
+    """
+    from vision_slam.recorded_drive import RecordedDrive
+
+    with needs_live_extra():
+        from live.autopilot_logs import read_autopilot_log
+
+        return RecordedDrive(*read_autopilot_log(source, crs))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateRequest:
+    """Images of a board from which a camera is calibrated."""
+
+    images: Annotated[Path, Argument(help="Folder of images of the board, all of one size.")]
+    board: Annotated[
+        str | None, Option("--board", metavar="9x6", help="Inner corners of the chessboard, e.g. 9x6.")
+    ] = None
+    charuco: Annotated[
+        str | None, Option("--charuco", metavar="8x5", help="ChArUco board of so many squares.")
+    ] = None
+    square_mm: Annotated[float, Option("--square-mm", min=0.1, help="Side of a square [mm].")] = 25.0
+    marker_mm: Annotated[
+        float | None, Option("--marker-mm", min=0.1, help="Side of a marker of a ChArUco board [mm].")
+    ] = None
+    dictionary: Annotated[str, Option("--dictionary", help="OpenCV's dictionary of a ChArUco board.")] = (
+        "4X4_50"
+    )
+    model: Annotated[
+        Literal["pinhole", "fisheye"],
+        Option("--model", help="Lens model; fisheye for angles of view above about 120°."),
+    ] = "pinhole"
+    out: Annotated[
+        Path,
+        Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it."),
+    ] = Path("camera.toml")
+    force: Annotated[bool, Option("--force", help="Replace an existing calibration.")] = False
+
+    @property
+    def picture(self) -> Path:
+        """Picture of the residuals."""
+        return self.out.with_suffix(".png")
+
+    def named_board(self) -> "Board":
+        """Return the board that the options name.
+
+        Raises
+        ------
+        ConfigError
+            No board, two boards, or a board without its sizes.
+        """
+        from survey.core.errors import ConfigError
+        from vision_slam.calibration import CharucoBoard, Chessboard
+
+        board, charuco, marker_mm = self.board, self.charuco, self.marker_mm
+        if (board is None) == (charuco is None):
+            raise ConfigError(
+                "one board was expected; name --board 9x6 (inner corners) or --charuco 8x5 (squares)."
+            )
+        if board is not None:
+            if marker_mm is not None:
+                raise ConfigError("a chessboard has no markers; leave --marker-mm out, or name --charuco.")
+            return Chessboard(*_counts(board, "--board"), 1e-3 * self.square_mm)
+        if marker_mm is None:
+            raise ConfigError("a ChArUco board has markers; name their side with --marker-mm.")
+        sizes = (1e-3 * self.square_mm, 1e-3 * marker_mm)
+        return CharucoBoard(*_counts(charuco or "", "--charuco"), *sizes, self.dictionary)
+
+
+@dataclass(frozen=True)
+class CalibrationResult(Result):
+    """Lens of a camera.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
+        What was asked for.
+    calibration : CameraCalibration
+        The lens, with the standard deviation of each parameter.
+    """
+
+    request: CalibrateRequest
+    calibration: "CameraCalibration"
+
+    def write(self, out: Path | None = None) -> "CalibrationResult":
+        """Write the calibration, and a picture of the residuals beside it.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            The file; that of the request by default.
+
+        Returns
+        -------
+        CalibrationResult
+            The result at its place.
+        """
+        from survey.core.files import replacing
+        from survey.figures.style import png_bytes
+        from vision_slam.calibration import calibration_figure
+
+        placed = self if out is None else replace(self, request=replace(self.request, out=out))
+        self.calibration.write(placed.request.out)
+        with replacing(placed.request.picture) as draft:
+            draft.write_bytes(png_bytes(calibration_figure(self.calibration)))
+        return placed
+
+    def facts(self) -> dict[str, Any]:
+        """Return parameters, residuals and coverage."""
+        return dict(self.calibration.summary)
+
+    def lines(self) -> list[str]:
+        """Return parameters, images, and the next step."""
+        calibration = self.calibration
+        camera, lens_fit = calibration.camera, calibration.fit
+        lens = (
+            f"{camera.width} × {camera.height} pixels, {camera.model}, RMS {lens_fit.rms_px:.3f} pixels, "
+            f"{100.0 * calibration.coverage:.0f} % of the image reached"
+        )
+        lines = [
+            f"written to {self.request.out}, {self.request.picture}",
+            fact_line("lens", lens),
+        ]
+        for name, value, sigma in zip(calibration.names, calibration.values, calibration.sigma, strict=True):
+            digits = 2 if name[0] in "fc" else 5
+            lines.append(fact_line(name, f"{value:.{digits}f} ± {sigma:.{digits}f}"))
+        for file, rms in zip(calibration.accepted, lens_fit.view_rms_px, strict=True):
+            lines.append(fact_line("used", f"{file.name}: {rms:.3f} pixels"))
+        lines += [fact_line("left out", f"{name}: {reason}") for name, reason in calibration.rejected.items()]
+        return [*lines, fact_line("next", f"firnline localize IMAGES --camera {self.request.out}")]
+
+
+def calibrate(request: CalibrateRequest, progress: Progress = no_progress) -> CalibrationResult:
+    """Calibrate a camera from images of a chessboard or a ChArUco board.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
+        Images and board.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    CalibrationResult
+        The lens; `CalibrationResult.write` writes it.
+
+    Raises
+    ------
+    InputError
+        Images that show no board, or an output that exists.
+    ConfigError
+        No board, or one without its sizes.
+    """
+    from vision_slam.calibration import calibrate as calibrated
+
+    board = _checked_board(request)
+    return CalibrationResult(
+        request, calibrated(request.images, board, model=request.model, progress=progress)
+    )
+
+
+def preview_calibration(request: CalibrateRequest) -> Preview:
+    """Check the board and count the images."""
+    from vision_slam.readers.images import image_files
+
+    _checked_board(request)
+    return Preview.of([request.out, request.picture], {"images": len(image_files(request.images))})
+
+
+def _checked_board(request: CalibrateRequest) -> "Board":
+    board = request.named_board()
+    refuse_existing([request.out, request.picture], force=request.force, inputs=[request.images])
+    return board
+
+
+def _counts(text: str, option: str) -> tuple[int, int]:
+    """Return the two numbers of a text such as 9x6."""
+    from survey.core.errors import ConfigError
+
+    parts = text.lower().replace("×", "x").split("x")
+    if len(parts) != 2 or not all(part.strip().isdigit() for part in parts):
+        raise ConfigError(f"{option} is {text!r}; two numbers such as 9x6 were expected.")
+    return int(parts[0]), int(parts[1])

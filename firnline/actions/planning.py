@@ -1,0 +1,397 @@
+"""Plan the route of a survey: of an area, of a mission, for a required class, or for a season."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from firnline.actions.guaranteeing import (
+    SurveyOptions,
+    limit_of,
+    plan_adaptive,
+    plan_guaranteed,
+    plan_joint,
+    survey_options,
+)
+from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts
+from firnline.actions.season import plan_season
+
+if TYPE_CHECKING:
+    import planners
+    import survey
+    from planners.registry import PlannerConfig
+    from planners.routes.traversability import LeftOut
+    from survey.reconstruction.gp.kernels import Kernel
+
+
+_DEFAULT_SWATHS = 4
+_NOISE_M = 0.1
+_NOT_INCLUDED = "relief finer than the prior's cells and errors of the rover's position"
+
+
+@dataclass(frozen=True)
+class AreaPlan:
+    """Route of an area with what it was planned from; `kernel` is the covariance of the terrain, if one is known."""
+
+    area: "survey.SurveyArea"
+    prior: "survey.Dem | None"
+    rover: "planners.Rover"
+    kernel: "Kernel | None"
+    route: "survey.Route"
+    left_out: "tuple[LeftOut, ...]"
+
+    @property
+    def drawing(self) -> PlanDrawing:
+        """What is drawn of it, with the predicted error of the map where the plan states one."""
+        if self.kernel is None or "rmse_m" not in self.route.prediction:
+            return PlanDrawing(self.area, self.prior, rover=self.rover, left_out=self.left_out)
+        sentence = _assumption(self.kernel)
+        return PlanDrawing(
+            self.area, self.prior, self.kernel, _NOISE_M, self.rover, self.left_out, (sentence,)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AreaPlanResult(PlanResult):
+    """Route of an area as the options ask for it.
+
+    Parameters
+    ----------
+    no_error_because : str
+        Why no error of the map is predicted; empty where it is, or where there is no prior.
+    """
+
+    route: "survey.Route"
+    no_error_because: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """Why no error is predicted."""
+        return [f"no error is predicted: {self.no_error_because}"] if self.no_error_because else []
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, counts and predictions."""
+        from planners.swaths.reference_lines import count_lines
+
+        counts = {"lines": count_lines(self.route), "swaths": len(self.route.swaths)}
+        return self.request.written | counts | dict(self.route.prediction)
+
+    def lines(self) -> list[str]:
+        """Return what is expected of the route."""
+        from planners.swaths.reference_lines import swaths_text
+
+        lines = [
+            f"{swaths_text(self.route)}, written to {self.request.written_text}",
+            *(fact_line(title, text) for title, text in fact_texts(self.route.prediction).values()),
+        ]
+        if "rmse_m" in self.route.prediction:
+            remedy = "--require counts the first, --require with --joint the second"
+            lines.append(fact_line("RMSE excludes", f"{_NOT_INCLUDED} ({remedy})"))
+        return lines
+
+
+def plan_area(request: PlanRequest, progress: Progress = no_progress) -> AreaPlanResult:
+    """Plan a route of a named pattern."""
+    from planners.routes.rover import Crew, homes_of
+
+    config = checked_options(request)
+    area, dem = request.read_area()
+    homes_of(area, Crew(config.rover, config.fleet))
+    progress("fitting the terrain's covariance", 0, 1)
+    kernel, refusal = (None, "") if dem is None else _kernel(dem, area)
+    progress("fitting the terrain's covariance", 1, 1)
+    made = area_plan(config, area, dem, kernel, progress)
+    return AreaPlanResult(request=request, route=made.route, drawing=made.drawing, no_error_because=refusal)
+
+
+def area_plan(
+    config: Any,
+    area: "survey.SurveyArea",
+    prior: "survey.Dem | None",
+    kernel: "Kernel | None",
+    progress: Progress | None = None,
+) -> AreaPlan:
+    """Plan a route with the sections that `checked_options` returns."""
+    import planners
+    from planners.routes.traversability import drivable
+
+    route = planners.plan(
+        area,
+        prior,
+        config.planner,
+        rover=config.rover,
+        fleet=config.fleet,
+        kernel=kernel,
+        progress=progress,
+    )
+    left_out = drivable(area, config.rover, prior).left_out
+    return AreaPlan(area, prior, config.rover, kernel, route, left_out)
+
+
+def checked_options(request: PlanRequest) -> Any:
+    """Return the sections planner, rover and fleet as the options ask for them.
+
+    Raises
+    ------
+    ConfigError
+        A setting that is unknown or wrong.
+    """
+    from survey.core.config import validated, with_overrides
+
+    return validated(_sections_model(), with_overrides(_sections(request), request.settings), "the options")
+
+
+@cache
+def _sections_model() -> Any:
+    """Return the class of the sections that an area is planned with; made once, which takes a while."""
+    import planners
+    from survey.core.config import Section
+
+    class Wanted(Section):
+        planner: PlannerConfig
+        rover: planners.Rover = planners.Rover()
+        fleet: planners.Fleet = planners.Fleet()
+
+    return Wanted
+
+
+def _default_size(pattern: str) -> dict[str, int]:
+    """Return the size of a pattern for which none is given; empty for a pattern that has no number of swaths."""
+    from planners.registry import PLANNERS
+
+    sized = {planner.name for planner in PLANNERS if "swaths" in planner.config.model_fields}
+    return {"swaths": _DEFAULT_SWATHS} if pattern in sized else {}
+
+
+def _sections(request: PlanRequest) -> dict[str, Any]:
+    """Return the options as sections of a mission."""
+    sizes = {
+        "swaths": request.swaths,
+        "spacing_m": request.spacing,
+        "budget_m": request.budget,
+        "rmse_m": request.rmse,
+    }
+    given = {name: value for name, value in sizes.items() if value is not None}
+    name = request.pattern or "lawnmower"
+    sections: dict[str, Any] = {"planner": {"pattern": name} | (given or _default_size(name))}
+    if request.rovers is not None:
+        sections["fleet"] = {"rovers": request.rovers}
+    if request.max_slope is not None:
+        sections["rover"] = {"max_pitch_deg": request.max_slope, "max_roll_deg": request.max_slope}
+    return sections
+
+
+def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "tuple[Kernel | None, str]":
+    """Return the likeliest covariance of the prior; None, with the reason, where it is too coarse."""
+    from survey.core.errors import InputError
+
+    try:
+        return prior_kernel(dem, area), ""
+    except InputError as error:
+        return None, str(error)
+
+
+def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
+    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses.
+
+    Raises
+    ------
+    InputError
+        Too few cells lie on the area.
+    """
+    import planners
+    from planners.planning import prior_covered_share
+
+    return None if prior_covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
+
+
+def _assumption(kernel: "Kernel") -> str:
+    """Return in a sentence what the predicted error rests on."""
+    from survey.reconstruction.gp.kernels import KINDS
+
+    family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
+    return (
+        f"Predicted error: terrain with the covariance that the prior makes likeliest ({family}), samples with "
+        f"noise of {_NOISE_M:g} m; {_NOT_INCLUDED} are not included."
+    )
+
+
+_OF_A_MISSION = (
+    "swaths",
+    "spacing",
+    "budget",
+    "rmse",
+    "prior",
+    "crs",
+    "no_go",
+    "rovers",
+    "max_slope",
+    "pattern",
+)
+_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "season", "dates")
+_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
+
+
+def plan(request: PlanRequest, progress: Progress = no_progress) -> Result:
+    """Plan the route of a survey, or find the surveys with which the map of a mission meets a class.
+
+    Parameters
+    ----------
+    request : PlanRequest
+        Area or mission file, options and output. A mission file needs ``require``; its route is planned by
+        `firnline.actions.missions.run_until`.
+    progress : callable
+        Called with what is done, how many are done, and how many there are.
+
+    Returns
+    -------
+    PlanResult or SurveyOptions
+        The plan; `PlanResult.write` writes its files.
+
+    Raises
+    ------
+    NotMetError
+        The class or error that is required cannot be reached.
+    ConfigError
+        Options that contradict one another.
+    InputError
+        Input that cannot be used, or an output that exists.
+    """
+    return mode_of(request)(request, progress)
+
+
+def preview_plan(request: PlanRequest) -> Preview:
+    """Read and check the inputs of a plan, and return what would be planned and written."""
+    mode_of(request)
+    return Preview.of(request.files.values(), _facts(request))
+
+
+def check_mission_plan(request: PlanRequest) -> None:
+    """Refuse options that a mission file decides.
+
+    Raises
+    ------
+    ConfigError
+        Names them.
+    """
+    from survey.core.errors import ConfigError
+
+    stated = request.given(*_OF_A_MISSION)
+    if stated:
+        raise ConfigError(
+            f"{request.source} is a mission file, which sets {', '.join(stated)} itself; change it with --set, "
+            "as in --set planner.swaths=6."
+        )
+    foreign = request.given(*_OF_AN_AREA)
+    if foreign:
+        raise ConfigError(
+            f"{', '.join(foreign)} goes with an area, but {request.source} is a mission file; leave it out."
+        )
+
+
+def mode_of(request: PlanRequest) -> Callable[[PlanRequest, Progress], Result]:
+    """Return the function that carries out a request.
+
+    Raises
+    ------
+    ConfigError
+        Options that contradict one another, or a probability out of its range.
+    InputError
+        An output that exists, is an input or cannot be written.
+    """
+    if request.require is not None:
+        from planners.guarantee.requirement import require_probability
+
+        require_probability(request.probability)
+    if request.is_mission:
+        check_mission_plan(request)
+        return _required_swaths
+    mode = _mode_of_area(request)
+    request.check_outputs()
+    return mode
+
+
+def _mode_of_area(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
+    """Return the function for an area."""
+    if request.given("season", "dates"):
+        return _season_mode(request)
+    if request.require is not None:
+        return _guarantee_mode(request)
+    from survey.core.errors import ConfigError
+
+    stated = request.given("joint", "adaptive", "driven", "measured", "assume")
+    if stated:
+        raise ConfigError(
+            f"{', '.join(stated)} goes with --require; give the class or error that is required."
+        )
+    return plan_area
+
+
+def _required_swaths(request: PlanRequest, progress: Progress) -> SurveyOptions:
+    """Return the numbers of swaths and stakes with which the mission's map meets the class."""
+    from sim.mission.runs import read_mission
+
+    del progress
+    mission = read_mission(request.source, request.settings)
+    return survey_options(mission, limit_of(str(request.require)), request.probability)
+
+
+def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
+    """Return the function for a season; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
+
+    if request.season is None or request.dates is None:
+        raise ConfigError(
+            "--season and --dates belong together: the wanted error, and the days of both surveys."
+        )
+    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings")
+    if stated:
+        raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
+    if request.out.suffix.lower() not in (".geojson", ".gpkg"):
+        raise ConfigError(f"--season writes a route (.geojson, .gpkg), not {request.out}; choose another -o.")
+    return plan_season
+
+
+def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
+    """Return the function for a required class; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
+
+    stated = [
+        name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
+    ]
+    if request.settings and not request.joint:
+        stated.append("--set (which goes with --joint)")
+    if stated:
+        raise ConfigError(
+            f"--require chooses pattern, swaths and spacing itself, for one rover; leave out {', '.join(stated)}."
+        )
+    if request.joint and request.adaptive:
+        raise ConfigError("--joint predicts a complete survey beforehand; leave out --adaptive.")
+    if request.joint:
+        return plan_joint
+    return plan_adaptive if request.adaptive else plan_guaranteed
+
+
+def _facts(request: PlanRequest) -> dict[str, Any]:
+    """Return area, pattern and prior of a request."""
+    from survey.core.map_scale import ground_area_m2
+    from survey.core.text import area_text
+
+    pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
+    if request.require is None and request.season is None:
+        config = checked_options(request)
+        pattern = f"{config.planner.pattern}, {config.fleet.rovers} rover{'s' * (config.fleet.rovers > 1)}"
+    area, prior = request.read_area()
+    if config is not None:
+        from planners.routes.rover import Crew, homes_of
+
+        homes_of(area, Crew(config.rover, config.fleet))
+    facts = {
+        "area": f"{request.source}, {area_text(ground_area_m2(area.crs, area.polygon))}, {area.crs.name}",
+        "pattern": pattern,
+    }
+    if prior is not None:
+        rows, columns = prior.shape
+        facts["prior"] = f"{request.prior}, {rows} × {columns} cells of {prior.step_m:g} m"
+    return facts

@@ -1,0 +1,290 @@
+"""Requests of maps, missions and studies, and the options that several requests have.
+
+The modules of these actions load much, and the command line reads the requests at its start, so that they stand here.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from firnline.actions.interface import Argument, Option
+
+RUNS = Path("results/runs")
+
+Runs = Annotated[Path, Option("--runs", help="Folder that holds all runs.")]
+Settings = Annotated[
+    list[str],
+    Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6."),
+]
+Workers = Annotated[
+    int | None,
+    Option(
+        "--workers",
+        min=1,
+        help="Processes of drives with images: up to 2 for one rover, one for each rover of a fleet; as many as cores when left out.",
+    ),
+]
+
+
+def columns_option(help_: str) -> Any:
+    """Return the option that chooses the columns of a table of text."""
+    return Option("--columns", metavar="KEY=COLUMN,…", help=help_)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of the actions that do stages of a mission."""
+
+    runs: Runs = RUNS
+    settings: Settings = field(default_factory=list)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExecutionOptions:
+    """Options of the actions that do many independent runs."""
+
+    engine: Annotated[str, Option("--engine", help="serial, processes (of this machine) or dask.")] = (
+        "processes"
+    )
+    workers: Annotated[
+        int | None,
+        Option("--workers", min=1, help="Number of processes; one for each core when left out."),
+    ] = None
+    scheduler: Annotated[str | None, Option("--scheduler", help="A dask scheduler, tcp://host:port.")] = None
+
+    def chosen_engine(self) -> Any:
+        """Return the engine; a scheduler is one of dask."""
+        from survey.core.errors import ConfigError
+
+        if self.engine not in ("serial", "processes", "dask"):
+            raise ConfigError(f"there is no engine {self.engine!r}; take serial, processes or dask.")
+        return "dask" if self.scheduler else self.engine
+
+
+def epoch_option(help_: str) -> Any:
+    """Return the option for the moment of a map or path on moving ice."""
+    return Option("--epoch", help=help_)
+
+
+Url = Annotated[
+    str,
+    Argument(
+        metavar="URL",
+        help="udp://HOST:PORT sends to a vehicle, udpin://HOST:PORT waits for one that sends there; also tcp://HOST:PORT, "
+        "serial:///dev/DEVICE:BAUD.",
+    ),
+]
+Patience = Annotated[
+    float, Option("--patience", min=0.5, help="Time after which a silent vehicle counts as lost [s].")
+]
+System = Annotated[
+    int | None,
+    Option("--system", min=1, max=255, help="MAVLink system id; by default the first that is heard."),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructRequest(RunOptions):
+    """What is to be mapped; None stands for an option that was not given."""
+
+    sources: Annotated[
+        list[Path],
+        Argument(
+            help="Points (text tables, vector files, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
+            "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
+            "KITTI, ROS 2) with --trajectory for all methods."
+        ),
+    ]
+    prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster to build around.")] = None
+    product: Annotated[
+        str | None,
+        Option(
+            "--product",
+            help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
+            "unknown, or unbiased for exact level and independent errors.  [default: unknown]",
+        ),
+    ] = None
+    step_m: Annotated[
+        float | None,
+        Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
+    ] = None
+    area: Annotated[
+        Path | None,
+        Option("--area", help="Polygon file to map; without it the bounding box of the points."),
+    ] = None
+    method: Annotated[
+        str | None,
+        Option("--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"),
+    ] = None
+    value: Annotated[
+        str | None, Option("--value", help="Map this sampled quantity instead of elevation.")
+    ] = None
+    crs: Annotated[str | None, Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")] = None
+    sigma_m: Annotated[
+        float | None, Option("--sigma", help="Standard deviation of points that state none [m].")
+    ] = None
+    columns: Annotated[
+        list[str],
+        columns_option("Columns of a table of points: x, y, z, lon, lat, sigma_z; usual names are found."),
+    ] = field(default_factory=list)
+    trajectories: Annotated[
+        list[Path],
+        Option(
+            "--trajectory",
+            help="Path that the points were seen from: trajectory.csv with its trajectory.error.npz for the method joint "
+            "and for scans in the sensor's frame (one for each source, in their order), TUM for scans that do not state where the scanner was.",
+        ),
+    ] = field(default_factory=list)
+    ties: Annotated[
+        Path | None,
+        Option(
+            "--ties",
+            help="With --method joint and several drives: places that two of them saw from above (ties.csv); drives are "
+            "numbered from 0 in the order of the sources.",
+        ),
+    ] = None
+    epoch_s: Annotated[
+        float | None,
+        epoch_option(
+            "With --method joint on moving ice, whose motion stands beside the trajectory: the time of which the map is, in "
+            "seconds of the recording; that of localization when left out."
+        ),
+    ] = None
+    rays: Annotated[
+        bool,
+        Option(
+            "--rays", help="Let lines of sight to the ground bound the map from above, and draw its bounds."
+        ),
+    ] = False
+    max_slope_deg: Annotated[
+        float | None,
+        Option(
+            "--max-slope",
+            help="With --rays: write no_go.tif, the ground that the bounds show to be steeper [deg].",
+        ),
+    ] = None
+    out: Annotated[Path, Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")] = Path(
+        "reconstruction"
+    )
+    tiles: Annotated[
+        bool,
+        Option(
+            "--tiles",
+            help="Map point files of any size (LAS/LAZ, COPC, PLY, Parquet, folders) tile by tile; a killed run goes on by "
+            "the same command.",
+        ),
+    ] = False
+    workers: Annotated[
+        int | None,
+        Option("--workers", min=1, help="With --tiles: processes; one for each core when left out."),
+    ] = None
+    scheduler: Annotated[
+        str | None, Option("--scheduler", help="With --tiles: a dask scheduler, tcp://host:port.")
+    ] = None
+    control: Annotated[
+        Path | None,
+        Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
+    ] = None
+    force: Annotated[bool, Option("--force", help="Replace a reconstruction that is there.")] = False
+
+    @property
+    def is_mission(self) -> bool:
+        """Whether the source is a mission file."""
+        return self.sources[0].suffix == ".toml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadRequest:
+    """Logs of a quantity that is to be mapped."""
+
+    logs: Annotated[
+        list[Path],
+        Argument(
+            help="CSV logs of the quantity, one for each drive, with time_s, or easting_m and northing_m."
+        ),
+    ]
+    name: Annotated[str, Option("--name", help="Column of the quantity, e.g. air_temperature.")]
+    unit: Annotated[str, Option("--unit", help="Its unit as UDUNITS spells it, e.g. degC or 'W m-2'.")]
+    terrain: Annotated[
+        Path,
+        Option("--terrain", help="Elevation, e.g. dem.tif of a reconstruction; the map has its CRS."),
+    ]
+    trajectories: Annotated[
+        list[Path],
+        Option("--trajectory", help="Path of each drive (trajectory.csv), for logs by time; repeat it."),
+    ] = field(default_factory=list)
+    standard_name: Annotated[
+        str | None, Option("--standard-name", help="CF standard name, for the NetCDF file.")
+    ] = None
+    noise_sd: Annotated[
+        float, Option("--noise", min=0.0, help="Noise of a reading (1 σ) that the fit begins with.")
+    ] = 0.1
+    lag_s: Annotated[
+        float, Option("--lag", min=0.0, help="Time constant with which the sensor follows [s].")
+    ] = 0.0
+    out: Annotated[Path, Option("--out", "-o", help="Folder for GeoTIFF, NetCDF and facts.")] = Path(
+        "payload"
+    )
+    force: Annotated[bool, Option("--force", help="Replace an existing map.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRequest(RunOptions):
+    """Mission to run, or to continue where it was stopped."""
+
+    mission: Annotated[Path, Argument(help="Mission file (TOML).")]
+    first: Annotated[
+        str | None, Option("--from", metavar="STAGE", help="Repeat this stage and all later ones.")
+    ] = None
+    until: Annotated[str, Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report"
+    fresh: Annotated[bool, Option("--fresh", help="Repeat every stage.")] = False
+    require: Annotated[
+        bool, Option("--require", help="End with exit code 5 when the wanted class is not met.")
+    ] = False
+    workers: Workers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateRequest(RunOptions):
+    """Mission to plan and drive."""
+
+    mission: Annotated[Path, Argument(help="Mission file (TOML).")]
+    workers: Workers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(RunOptions):
+    """Run whose report is to be drawn."""
+
+    source: Annotated[Path, Argument(help="A run folder, or a mission file (TOML).")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitRequest:
+    """Mission file to write."""
+
+    path: Annotated[Path, Argument(help="The mission file to write.")] = Path("mission.toml")
+    dem: Annotated[
+        Path | None, Option("--dem", help="Survey this fine elevation raster instead of random terrain.")
+    ] = None
+    force: Annotated[bool, Option("--force", help="Replace an existing file.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonteCarloRequest(ExecutionOptions):
+    """Study of many random terrains."""
+
+    study: Annotated[Path, Argument(help="Study file (TOML).")]
+    runs: Annotated[Path, Option("--runs", help="Folder that holds all studies.")] = Path(
+        "results/montecarlo"
+    )
+    fresh: Annotated[bool, Option("--fresh", help="Do every trial again.")] = False
+    settings: Settings = field(default_factory=list)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RehearseRequest(RunOptions, ExecutionOptions):
+    """Mission to run many times."""
+
+    mission: Annotated[Path, Argument(help="Mission file (TOML).")]
+    n_runs: Annotated[int, Option("--count", "-n", min=1, help="Number of runs.")] = 50

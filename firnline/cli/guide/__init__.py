@@ -1,1 +1,0 @@
-"""Commands that explain: examples to copy, and help on formats, exit codes and commands."""

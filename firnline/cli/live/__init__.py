@@ -1,1 +1,0 @@
-"""Commands of surveys while they are driven."""

@@ -1,1 +1,0 @@
-"""Commands for what a survey carries beside its terrain sensors."""

@@ -1,1 +1,0 @@
-"""Steps of ``firnline score``: what was asked for, scores, classes of ground, and reports."""
