@@ -35,28 +35,7 @@ _MOST_LETTERS = 60
 def store_measured(role: str, name: str, content: bytes, crs: CRS, folder: Path) -> dict[str, Any]:
     """Read a file of measurements, and store it where it can be read.
 
-    Parameters
-    ----------
-    role : {"points", "checkpoints", "driven"}
-        Points of the surface, independent heights, or the route that was driven.
-    name : str
-        Name of the file.
-    content : bytes
-        The file.
-    crs : pyproj.CRS
-        CRS of the terrain, for files that name none.
-    folder : pathlib.Path
-        Where; it is created. A file of the same name is replaced.
-
-    Returns
-    -------
-    dict
-        ``file`` (its name there), ``kind`` and what the map shows of it.
-
-    Raises
-    ------
-    InputError
-        A damaged file, or one without what its role needs.
+    Returns: ``file`` (its name there), ``kind`` and what the map shows of it.
     """
     if role not in _READERS:
         raise ConfigError(f"the role {role[:40]!r} is none of {', '.join(_READERS)}.")
@@ -80,25 +59,7 @@ def show_measured(role: str, file: Path, crs: CRS) -> dict[str, Any]:
 
 
 def read_checkpoints(file: Path, crs: CRS) -> Checkpoints:
-    """Read checkpoints; heights without a stated uncertainty are taken to err by 0.05 m.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The table.
-    crs : pyproj.CRS
-        CRS of the terrain.
-
-    Returns
-    -------
-    Checkpoints
-        In that CRS.
-
-    Raises
-    ------
-    InputError
-        A damaged file, or points that were control.
-    """
+    """Read checkpoints; heights without a stated uncertainty are taken to err by 0.05 m."""
     return Checkpoints.read(file, crs=crs, sigma_m=SIGMA_M)
 
 
@@ -150,31 +111,8 @@ def measured_map(
 ) -> dict[str, Any]:
     """Map measured points over the area, and score the map.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The area that is drawn.
-    points : pathlib.Path
-        Points of the surface.
-    prior : pathlib.Path
-        Raster of prior elevations.
-    folder : pathlib.Path
-        Folder of the measurements; the area and the map are written into it.
-    checkpoints : pathlib.Path, optional
-        Independent heights.
-    progress : callable
-        Called between the steps.
-
-    Returns
-    -------
-    dict
-        The pictures ``elevation`` and ``sigma``, ``sentences`` about the map's error, and the ``commands`` that do
-        the same.
-
-    Raises
-    ------
-    InputError
-        What the commands refuse.
+    Returns: the pictures ``elevation`` and ``sigma``, ``sentences`` about the map's error, and the
+    ``commands`` that do the same.
     """
     steps = 3 if checkpoints is None else 4
     area.write(folder / "area.gpkg")
@@ -240,30 +178,8 @@ def proposed_swath(
 ) -> dict[str, Any]:
     """Propose the swath to drive next, or find that none is needed or none would do.
 
-    Parameters
-    ----------
-    area : SurveyArea
-        The area.
-    prior : Dem
-        Prior elevations, for the grain of the terrain.
-    driven : Route
-        What was driven so far.
-    points : SurfacePoints
-        What was measured on it.
-    requirement : MapRequirement
-        What the map has to meet.
-    file : pathlib.Path
-        The proposed route is written to it.
-
-    Returns
-    -------
-    dict
-        ``sentence``, ``holds``, and the ``lines`` to drive (empty where there are none) with the ``file``.
-
-    Raises
-    ------
-    InputError
-        Too few samples, a route of several rovers, or an area that no swath meets.
+    Returns: ``sentence``, ``holds``, and the ``lines`` to drive (empty where there are none) with the
+    ``file``.
     """
     advice = swath_advice(area, prior, driven, points, requirement)
     limit = f"{requirement.limit_m:.4g} m with {requirement.probability:.0%}"

@@ -30,17 +30,7 @@ _MOST_RUNS = 30
 def found_runs(folder: Path, opened: Path | None = None) -> dict[str, RunFolder]:
     """Return the finished runs of a working folder, the latest first.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Working folder of the desk.
-    opened : pathlib.Path, optional
-        A run that the desk was opened with; the other runs of its mission count too.
-
-    Returns
-    -------
-    dict of str to RunFolder
-        By name, such as ``hills-3f2a90c1``.
+    Returns: by name, such as ``hills-3f2a90c1``.
     """
     places = [place for pattern in _PATTERNS for place in folder.glob(pattern)]
     if opened is not None:
@@ -52,25 +42,7 @@ def found_runs(folder: Path, opened: Path | None = None) -> dict[str, RunFolder]
 
 
 def run_named(runs: dict[str, RunFolder], name: str) -> RunFolder:
-    """Return a run by its name; refuse a name that is none.
-
-    Parameters
-    ----------
-    runs : dict of str to RunFolder
-        As `found_runs` returns them.
-    name : str
-        Name of one.
-
-    Returns
-    -------
-    RunFolder
-        The run.
-
-    Raises
-    ------
-    InputError
-        There is no run of this name.
-    """
+    """Return a run by its name; refuse a name that is none."""
     if name not in runs:
         raise InputError(f"there is no run {name[:60]!r} in the working folder; reload the list of runs.")
     return runs[name]
@@ -79,17 +51,7 @@ def run_named(runs: dict[str, RunFolder], name: str) -> RunFolder:
 def run_row(name: str, run: RunFolder) -> dict[str, Any]:
     """Return what the table of runs states of one, or why it cannot be read.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    run : RunFolder
-        With a score.
-
-    Returns
-    -------
-    dict
-        ``name``, ``title``, ``facts`` by title, and ``folder``; or ``error``.
+    Returns: ``name``, ``title``, ``facts`` by title, and ``folder``; or ``error``.
     """
     try:
         config = read_toml(run.path / "config.toml")
@@ -131,24 +93,7 @@ def _facts(run: RunFolder, config: dict[str, Any]) -> dict[str, str]:
 def run_layer(run: RunFolder, layer: str, crs: CRS) -> dict[str, Any]:
     """Return a map of a run as a picture.
 
-    Parameters
-    ----------
-    run : RunFolder
-        With a score.
-    layer : {"elevation", "sigma", "support", "error"}
-        What is drawn.
-    crs : pyproj.CRS
-        Of the desk.
-
-    Returns
-    -------
-    dict
-        A `desk.terrain.tiles.picture` with a ``title`` and the texts of both ``ends``.
-
-    Raises
-    ------
-    InputError
-        An unknown layer, a run in another CRS, or files that are damaged.
+    Returns: a `desk.terrain.tiles.picture` with a ``title`` and the texts of both ``ends``.
     """
     if layer not in _LAYERS:
         raise InputError(f"the layer {layer[:40]!r} is none of {', '.join(_LAYERS)}.")

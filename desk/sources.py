@@ -88,18 +88,7 @@ _NAME = "srtm_sample"
 
 
 def write_demo(folder: Path) -> Path:
-    """Write the sample terrain and a plan to begin with; what is there already stays.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Where; it is created.
-
-    Returns
-    -------
-    pathlib.Path
-        File of the plan.
-    """
+    """Write the sample terrain and a plan to begin with; what is there already stays."""
     from survey.terrain.real import real_sample, sample_site
 
     folder.mkdir(parents=True, exist_ok=True)

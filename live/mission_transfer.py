@@ -360,33 +360,7 @@ def upload(
     The fence goes first, so that the vehicle never has the mission without it. A vehicle exchanges its mission when
     the last item has come; until then, and after any loss of the link, it holds the former one.
 
-    Parameters
-    ----------
-    mission : AutopilotMission
-        Of one rover.
-    address : LinkAddress
-        Where the vehicle is.
-    patience_s : float
-        How long to wait for a silent vehicle [s].
-    system : int, optional
-        System id of the vehicle; by default the first that answers.
-    most_items : int, optional
-        How many items the board holds; by default the limit of its autopilot.
-    starts : bool
-        Whether to arm the vehicle and start the mission afterwards.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
-
-    Returns
-    -------
-    UploadReport
-        What the vehicle holds.
-
-    Raises
-    ------
-    InputError
-        A mission that the vehicle cannot hold or refuses, a link that stays lost, or items that come back different.
-        A link so poor that the upload takes too long.
+    `patience_s`: how long to wait for a silent vehicle [s].
     """
     with Vehicle.connected(address, patience_s, system) as vehicle:
         limits, n_home = limits_of(vehicle.autopilot), n_home_items(vehicle.autopilot)
@@ -464,28 +438,7 @@ def downloaded_route(
 ) -> Route:
     """Read the waypoints of the mission that a vehicle holds.
 
-    Parameters
-    ----------
-    address : LinkAddress
-        Where the vehicle is.
-    crs : str or pyproj.CRS, optional
-        Projected CRS of the route; by default the UTM zone of the first waypoint, or polar stereographic.
-    patience_s : float
-        How long to wait for a silent vehicle [s].
-    system : int, optional
-        System id of the vehicle; by default the first that answers.
-    progress : callable, optional
-        Called with what is done, how much of it, and of how much.
-
-    Returns
-    -------
-    Route
-        One swath through all waypoints.
-
-    Raises
-    ------
-    InputError
-        A link that stays lost, or a mission with fewer than two waypoints.
+    `patience_s`: how long to wait for a silent vehicle [s].
     """
     with Vehicle.connected(address, patience_s, system) as vehicle:
         items = fetch_items(vehicle, MISSION, progress)

@@ -71,13 +71,7 @@ LONG: dict[str, str] = {
 
 
 def study(name: str) -> Study:
-    """Return the function of a study.
-
-    Raises
-    ------
-    InputError
-        There is no such study; the nearest name is given.
-    """
+    """Return the function of a study."""
     if name not in STUDIES:
         near = difflib.get_close_matches(name, STUDIES, n=1)
         hint = f"did you mean {near[0]}?" if near else "`firnline reproduce --list` names them all."

@@ -3,21 +3,26 @@
 Public are the names that `firnline` and the packages export in ``__all__``, and the public methods of
 exported classes. A docstring is complete when it has a summary, documents every parameter and no other,
 and has a Returns section where something is returned. Settings of a configuration are documented by
-the strings below its fields.
+the strings below its fields, fields of a request by the help of their options, and a method that stands for one of a base
+class needs a summary only.
 """
 
 import inspect
 from collections.abc import Iterator
+from dataclasses import is_dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 from numpydoc.validate import validate
 from pydantic import BaseModel
 
+from firnline.actions.interface import Parameter
+
 PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 EXPORTING = (
     "firnline",
+    "firnline.actions",
     "survey",
     "survey.terrain",
     "survey.scoring",
@@ -82,12 +87,31 @@ def lacking(name: str) -> Iterator[str]:
     except ModuleNotFoundError:
         kind = None
     codes = dict(CHECKS)
+    if kind is None and overrides(name):
+        codes.pop("PR01"), codes.pop("RT01")
+    if inspect.isclass(kind) and has_parameters(kind):
+        codes.pop("PR01"), codes.pop("PR02")
     if inspect.isclass(kind) and issubclass(kind, BaseModel):
         yield from (f"{field} has no description" for field in undescribed(kind))
         codes.pop("PR01"), codes.pop("PR02")
     if getattr(kind, "_is_protocol", False):
         codes.pop("PR01")
     yield from (CHECKS[code] or text for code, text in validate(name)["errors"] if code in codes)
+
+
+def overrides(name: str) -> bool:
+    """Return whether a method stands for one that a base class of the project documents."""
+    owner, _, member = name.rpartition(".")
+    module, _, rest = owner.rpartition(".")
+    kind = getattr(import_module(module), rest)
+    return any(member in vars(base) for base in kind.__mro__[1:] if base.__module__.split(".")[0] in PACKAGES)
+
+
+def has_parameters(kind: type) -> bool:
+    """Return whether the fields of a request state their meaning themselves, as options of the command line do."""
+    hints = get_type_hints(kind, include_extras=True) if is_dataclass(kind) else {}
+    marks = [mark for hint in hints.values() for mark in getattr(hint, "__metadata__", ())]
+    return any(isinstance(mark, Parameter) for mark in marks)
 
 
 def undescribed(model: type[BaseModel]) -> list[str]:

@@ -99,24 +99,7 @@ _POLL_S = 0.5
 def watched(file: Path, crs: CRS, job: Job) -> dict[str, Any]:
     """Follow a log of ``firnline watch`` until the survey ends.
 
-    Parameters
-    ----------
-    file : pathlib.Path
-        That grows.
-    crs : CRS
-        Of the desk.
-    job : Job
-        Takes the events ``watch`` with a ``text``, and ``grown`` with pictures of the map and its standard deviation.
-
-    Returns
-    -------
-    dict
-        A ``sentence`` about the end of the survey.
-
-    Raises
-    ------
-    InputError
-        There is no log, it is damaged, or the survey is in another CRS.
+    Returns: a ``sentence`` about the end of the survey.
     """
     if not file.is_file():
         raise InputError(

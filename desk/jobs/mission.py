@@ -95,18 +95,8 @@ _SAMPLE_STEP_M = 2.0
 def growing_maps(run: RunFolder, kernel: Kernel) -> Iterator[dict[str, Any]]:
     """Map the landmarks of the first swaths, and of more swaths each time, on a coarse grid.
 
-    Parameters
-    ----------
-    run : RunFolder
-        Localized.
-    kernel : Kernel
-        Covariance of the terrain, with which the error of the plan was predicted.
-
-    Yields
-    ------
-    dict
-        ``swaths`` that were driven ``of`` all, and the pictures ``elevation`` and ``sigma``. The final map of the
-        run is made from all landmarks and finer.
+    Yields: ``swaths`` that were driven ``of`` all, and the pictures ``elevation`` and ``sigma``. The final
+    map of the run is made from all landmarks and finer.
     """
     area = SurveyArea.read(run.folder("plan") / "area.gpkg")
     route = Route.read(run.folder("simulate") / "driven_route.geojson")
@@ -146,15 +136,7 @@ _EVERY_S = 0.7
 
 @contextmanager
 def watched_frames(place: Path, report: Callable[[Path], None]) -> Iterator[None]:
-    """Report new images below a folder while the body runs.
-
-    Parameters
-    ----------
-    place : pathlib.Path
-        Folder of a run; images lie in folders ``frames`` below it, also below drafts of stages.
-    report : callable
-        Called with the latest complete image, in a thread of its own.
-    """
+    """Report new images below a folder while the body runs."""
     ended = Event()
 
     def follow() -> None:

@@ -41,27 +41,6 @@ def write_mission(live: LivePlan, document: PlanDocument, name: str, folder: Pat
     """Write a mission file with the area and the prior that it names.
 
     The true terrain of its simulation is drawn about the prior, as ``role = "prior"`` in a mission file says.
-
-    Parameters
-    ----------
-    live : LivePlan
-        The plan.
-    document : PlanDocument
-        From which it was made.
-    name : str
-        Name of the plan.
-    folder : pathlib.Path
-        Where; it is created.
-
-    Returns
-    -------
-    pathlib.Path
-        The mission file.
-
-    Raises
-    ------
-    ConfigError
-        A setting that a mission does not have.
     """
     folder.mkdir(parents=True, exist_ok=True)
     stem = _NOT_IN_NAMES.sub("-", name).strip("-._") or "survey"
@@ -116,24 +95,7 @@ _COLUMNS = ("name", "kind", "easting_m", "northing_m", "longitude_deg", "latitud
 
 
 def write_points(document: PlanDocument, area: SurveyArea, prior: Dem | None, file: Path) -> None:
-    """Write stakes and checkpoints with names, as CSV, GPX or GeoPackage by the ending.
-
-    Parameters
-    ----------
-    document : PlanDocument
-        With at least one stake or checkpoint.
-    area : SurveyArea
-        States the CRS.
-    prior : Dem, optional
-        For heights by which points are found.
-    file : pathlib.Path
-        Ends in ``.csv``, ``.gpx`` or ``.gpkg``.
-
-    Raises
-    ------
-    InputError
-        No point is drawn, or the CRS is not tied to the Earth.
-    """
+    """Write stakes and checkpoints with names, as CSV, GPX or GeoPackage by the ending."""
     named = list(_named(document))
     if not named:
         raise InputError("no stake and no checkpoint is marked; mark one on the map first.")

@@ -27,8 +27,6 @@ Value = TypeVar("Value")
 class ResultCache(Generic[Value]):
     """Results by key, the latest ones; each is computed once, also when several threads ask for it.
 
-    Examples
-    --------
     >>> squares = ResultCache[int]()
     >>> squares.computed(3, lambda: 9), squares.get(3), squares.get(4)
     (9, 9, None)
@@ -50,20 +48,7 @@ class ResultCache(Generic[Value]):
             return next(reversed(self._values.values()), None)
 
     def computed(self, key: Hashable, compute: Callable[[], Value]) -> Value:
-        """Return a result, computed where it is not there yet.
-
-        Parameters
-        ----------
-        key : hashable
-            Names the result.
-        compute : callable
-            Returns it; an exception is passed on and nothing is stored.
-
-        Returns
-        -------
-        object
-            The result.
-        """
+        """Return a result, computed where it is not there yet."""
         with self._lock:
             busy = self._busy.setdefault(key, Lock())
         try:

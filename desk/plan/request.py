@@ -105,13 +105,8 @@ _SIMULATION = ("fidelity", "seed")
 def settings_fields() -> dict[str, Any]:
     """Return the fields of the sections ``planner`` (by pattern), ``rover`` and ``fleet``.
 
-    Returns
-    -------
-    dict
-        For each section a list of fields with ``name``, ``help``, ``default``, ``kind`` and ``choices``.
+    Returns: for each section a list of fields with ``name``, ``help``, ``default``, ``kind`` and ``choices``.
 
-    Examples
-    --------
     >>> names = [field["name"] for field in settings_fields()["planner"]["lawnmower"]]
     >>> "swaths" in names, "pattern" in names
     (True, False)

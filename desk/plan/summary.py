@@ -62,19 +62,8 @@ _SAMPLE_STEP_M = 10.0
 def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
     """Return the predicted standard deviation of a plan as an image with its place and legend.
 
-    Parameters
-    ----------
-    plan : AreaPlan
-        With a covariance.
-    detail : {"coarse", "fine"}
-        Fine is the standard deviation of the plan sheets. Coarse has fewer nodes, and fewer, better samples
-        stand for all.
-
-    Returns
-    -------
-    dict
-        ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``, ``p95_m``,
-        ``worst_m``.
+    Returns: ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``,
+    ``p95_m``, ``worst_m``.
     """
     std = _coarse_std(plan) if detail == "coarse" else plan.drawing.std(plan.route, plan.drawing.fine_cell_m)
     if std is None:
@@ -132,18 +121,9 @@ class DriveSums(NamedTuple):
 def drives(live: LivePlan, pyramid: ElevationPyramid) -> list[dict[str, Any]]:
     """Return the drive of each rover at about 400 samples.
 
-    Parameters
-    ----------
-    live : LivePlan
-        The plan. Times and energy end within a thousandth of those that it predicts.
-    pyramid : ElevationPyramid
-        Heights.
-
-    Returns
-    -------
-    list of dict
-        ``places``, ``heights_m`` (None where unknown), ``distance_m`` on the ground, ``time_s``, ``battery_share``
-        (None for an endless battery), ``energy_j``, and the first and last sample of each swath in ``swaths``.
+    Returns: ``places``, ``heights_m`` (None where unknown), ``distance_m`` on the ground, ``time_s``,
+    ``battery_share`` (None for an endless battery), ``energy_j``, and the first and last sample of each swath
+    in ``swaths``.
     """
     return [_drive(live, rover, pyramid) for rover in range(live.plan.route.n_rovers)]
 

@@ -25,20 +25,7 @@ Work = Callable[[Job], dict[str, Any]]
 
 
 def work_of(workspace: Workspace, kind: str) -> Work:
-    """Return the computation of a kind of job.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        Terrain and plan.
-    kind : {"guarantee", "curve", "mission", "map", "next", "watch"}
-        What is to be computed.
-
-    Returns
-    -------
-    callable
-        Takes the job, to which it reports.
-    """
+    """Return the computation of a kind of job."""
     document = workspace.store.document
     return lambda job: _WORKS[kind](workspace, document, job)
 

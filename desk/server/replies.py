@@ -64,10 +64,7 @@ _TYPES = {
 def asset_files() -> dict[str, Path]:
     """Return the files that are served, by their address.
 
-    Returns
-    -------
-    dict of str to pathlib.Path
-        Addresses such as ``js/main.js``.
+    Returns: addresses such as ``js/main.js``.
     """
     files = (file for file in STATIC.rglob("*") if file.suffix in _TYPES)
     return {file.relative_to(STATIC).as_posix(): file for file in files}

@@ -58,18 +58,7 @@ _ROUTES = (
 
 
 def desk_app(workspace: Workspace) -> Starlette:
-    """Return the application, without the gate that keeps others out.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        Terrain and plan.
-
-    Returns
-    -------
-    starlette.applications.Starlette
-        Serve it behind `desk.server.gate.Gate` only.
-    """
+    """Return the application, without the gate that keeps others out."""
     handlers = {FirnlineError: refused, Exception: refused}
     app = Starlette(routes=list(_ROUTES), exception_handlers=handlers)
     app.state.workspace = workspace

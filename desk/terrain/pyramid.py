@@ -20,20 +20,8 @@ from survey.io.raster.opening import check_band, check_transform, open_dataset
 def level_for(width: float, height: float, most_cells: int) -> int:
     """Return the finest level on which a window of so many cells of the raster has few enough cells.
 
-    Parameters
-    ----------
-    width, height : float
-        Size of the window in cells of the raster.
-    most_cells : int
-        Largest number of cells on the level.
+    Returns: 0 for the cells of the raster themselves.
 
-    Returns
-    -------
-    int
-        0 for the cells of the raster themselves.
-
-    Examples
-    --------
     >>> level_for(100.0, 100.0, 20_000), level_for(1000.0, 1000.0, 20_000)
     (0, 3)
     """
@@ -46,20 +34,8 @@ def level_for(width: float, height: float, most_cells: int) -> int:
 def block_means(values: FloatArray, n: int) -> FloatArray:
     """Average squares of n × n cells over the cells that are known; NaN where none is.
 
-    Parameters
-    ----------
-    values : (H, W) ndarray
-        NaN where nothing is known.
-    n : int
-        Side of the squares; those at the southern and eastern edge may be cut.
+    `values` (H, W): NaN where nothing is known. Returns (ceil(H / n), ceil(W / n)): means.
 
-    Returns
-    -------
-    (ceil(H / n), ceil(W / n)) ndarray
-        Means.
-
-    Examples
-    --------
     >>> block_means(np.array([[1.0, 3.0, 5.0], [np.nan, 2.0, 7.0]]), 2)
     array([[2., 6.]])
     """
@@ -229,17 +205,8 @@ _MOST_CELLS = 4_000_000
 def heights_at(pyramid: ElevationPyramid, places: FloatArray) -> FloatArray:
     """Interpolate bilinearly on the finest level on which all places fit into memory.
 
-    Parameters
-    ----------
-    pyramid : ElevationPyramid
-        The terrain.
-    places : (N, 2) ndarray
-        Easting and northing [m].
-
-    Returns
-    -------
-    (N,) ndarray
-        Height [m]; NaN off the terrain and beside unknown cells.
+    `places` (N, 2): easting and northing [m]. Returns (N,): height [m]; NaN off the terrain and beside
+    unknown cells.
     """
     t, (n_rows, n_columns) = pyramid.transform, pyramid.shape
     column, row = (places[:, 0] - t.c) / t.a, (places[:, 1] - t.f) / t.e

@@ -46,20 +46,8 @@ SUPPORT = _table("5b2a86 d8b365 9ecae1 2b8cbe")
 def colour_of(table: Table, share: npt.NDArray[np.float64]) -> Table:
     """Return the colours of shares; those beyond 0 and 1 have the colours of the ends.
 
-    Parameters
-    ----------
-    table : (256, 3) ndarray of uint8
-        One of the tables of this module.
-    share : ndarray
-        Between 0 and 1.
+    `table` (256, 3): one of the tables of this module.
 
-    Returns
-    -------
-    ndarray of uint8
-        With one more axis of three.
-
-    Examples
-    --------
     >>> bool((colour_of(SLOPE, np.array([0.0, 7.0])) == SLOPE[[0, 255]]).all())
     True
     """

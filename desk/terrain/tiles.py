@@ -81,17 +81,8 @@ _TOLERANCE_CELLS = 0.1
 def contour_lines(pyramid: ElevationPyramid, bounds: Bounds) -> dict[str, Any]:
     """Return contour lines within bounds, at an interval that suits their relief.
 
-    Parameters
-    ----------
-    pyramid : ElevationPyramid
-        The terrain.
-    bounds : tuple of float
-        ``(xmin, ymin, xmax, ymax)`` [m].
-
-    Returns
-    -------
-    dict
-        ``interval_m``, and ``lines`` with ``height_m``, ``is_index`` (every fifth one) and ``places``.
+    `bounds`: ``(xmin, ymin, xmax, ymax)`` [m]. Returns: ``interval_m``, and ``lines`` with ``height_m``,
+    ``is_index`` (every fifth one) and ``places``.
     """
     part = pyramid.over(bounds, _MOST_CELLS)
     known = part.heights[np.isfinite(part.heights)]
@@ -134,19 +125,8 @@ _MOST_PIXELS = 1024
 def picture(raster: Dem, table: Table, low: float, high: float) -> dict[str, Any]:
     """Draw a raster in the colours of a table.
 
-    Parameters
-    ----------
-    raster : Dem
-        Values; unknown ones are transparent. A large raster is thinned.
-    table : (256, 3) ndarray of uint8
-        Colours.
-    low, high : float
-        Values at both ends of the colours.
-
-    Returns
-    -------
-    dict
-        ``bounds`` [m], ``image`` (data address of a PNG), ``limits``, ``colours``.
+    `table` (256, 3): colours. Returns: ``bounds`` [m], ``image`` (data address of a PNG), ``limits``,
+    ``colours``.
     """
     step = max(1, -(-max(raster.shape) // _MOST_PIXELS))
     values = raster.elevation[::step, ::step]

@@ -402,15 +402,7 @@ TRACKED = "track"
 
 
 def flow_of(named: str, days: float | None, later: "Dem", earlier: "Dem") -> "DisplacementField":
-    """Return the displacement between two surveys.
-
-    Raises
-    ------
-    ConfigError
-        Another number of rasters than four.
-    InputError
-        A velocity without the time between the surveys, or displacements with one.
-    """
+    """Return the displacement between two surveys."""
     from survey.scoring.change.displacements import TrackedField
     from survey.scoring.change.tracking import read_tracked
 

@@ -99,20 +99,7 @@ class FoundRoute(NamedTuple):
 
 
 def route_with_surroundings(source: Path, options: RouteOptions) -> FoundRoute:
-    """Read a route; that of a run comes with the area and the terrain of the run, as far as it knows all heights.
-
-    Parameters
-    ----------
-    source : pathlib.Path
-        File of a route, or a run folder.
-    options : RouteOptions
-        What the user named.
-
-    Returns
-    -------
-    FoundRoute
-        In the CRS of the route.
-    """
+    """Read a route; that of a run comes with the area and the terrain of the run, as far as it knows all heights."""
     import survey
     from survey.core.run_folder import RunFolder
 
@@ -139,20 +126,7 @@ def knows_heights(terrain: "survey.Dem", route: "survey.Route") -> bool:
 
 
 def read_route(source: Path, crs: str | None) -> "survey.Route":
-    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format.
-
-    Parameters
-    ----------
-    source : pathlib.Path
-        Any format of routes.
-    crs : str or None
-        Projected CRS of the route.
-
-    Returns
-    -------
-    Route
-        Of one or several rovers.
-    """
+    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format."""
     import survey
     from survey.interchange.route_formats import read_plan
     from survey.io.vector import read_features

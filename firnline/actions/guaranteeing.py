@@ -117,10 +117,7 @@ def _shares(made: "Guarantee") -> str:
 class GuaranteedPlan(PlanResult):
     """Shortest route that guarantees a class.
 
-    Parameters
-    ----------
-    guarantee : Guarantee
-        The guarantee, and what it rests on.
+    `guarantee`: the guarantee, and what it rests on.
     """
 
     guarantee: "Guarantee"
@@ -217,14 +214,7 @@ _ROUGHER = (
 class SurveyOptions(Result):
     """Surveys that meet a class, by numbers of swaths and stakes.
 
-    Parameters
-    ----------
-    best : PredictedSurvey
-        The one with the least to drive.
-    options : list of PredictedSurvey
-        All that meet it.
-    limit_m : float
-        Largest RMSE [m].
+    `best`: the one with the least to drive. `options`: all that meet it. `limit_m`: largest RMSE [m].
     """
 
     best: "PredictedSurvey"
@@ -246,13 +236,7 @@ class SurveyOptions(Result):
 
 
 def survey_options(mission: "MissionConfig", limit_m: float, probability: float) -> SurveyOptions:
-    """Return the surveys with which the map of a mission meets a class.
-
-    Raises
-    ------
-    NotMetError
-        There is none.
-    """
+    """Return the surveys with which the map of a mission meets a class."""
     from sim.mission.capacity import require_mission
     from sim.mission.foresight import surveys_within
 
@@ -265,12 +249,7 @@ def survey_options(mission: "MissionConfig", limit_m: float, probability: float)
 class JointPlan(PlanResult):
     """Route with the least to drive that meets a class with the errors that its path shares.
 
-    Parameters
-    ----------
-    surveys : SurveyOptions
-        Surveys that meet the class.
-    assumed : str
-        What the guarantee assumes.
+    `surveys`: surveys that meet the class. `assumed`: what the guarantee assumes.
     """
 
     surveys: SurveyOptions
@@ -367,10 +346,7 @@ _TEXTS: dict[str, Callable[[Any], str]] = {
 class AdaptivePlan(PlanResult):
     """First swaths of a survey, or the next one; without a route the guarantee holds already.
 
-    Parameters
-    ----------
-    stated : mapping of str to object
-        What is known of them.
+    `stated`: what is known of them.
     """
 
     stated: Mapping[str, Any]

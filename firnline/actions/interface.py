@@ -38,12 +38,8 @@ def no_progress(what: str, done: int, total: int) -> None:
 class Parameter:
     """Spellings, help and limits of a field of a request.
 
-    Parameters
-    ----------
-    *names : str
-        Spellings on the command line, such as ``--prior``.
-    **settings
-        ``help``, ``metavar``, ``min`` and ``max``.
+    `names`: spellings on the command line, such as ``--prior``. `settings`: ``help``, ``metavar``, ``min``
+    and ``max``.
     """
 
     def __init__(self, *names: str, **settings: Any) -> None:
@@ -193,20 +189,6 @@ _UNIT = re.compile(r"_(m2|m|s|deg|per_cent)(?=(_\d+)?$)")
 def fact_line(name: str, value: object) -> str:
     """Return one fact: its name, padded to the width of the column, and its value.
 
-    Parameters
-    ----------
-    name : str
-        In words.
-    value : object
-        A text with the unit, or anything that is written as one.
-
-    Returns
-    -------
-    str
-        Without a line feed.
-
-    Examples
-    --------
     >>> fact_line("length", "4.09 km")
     '  length             4.09 km'
     """
@@ -216,18 +198,6 @@ def fact_line(name: str, value: object) -> str:
 def figure_lines(figures: Mapping[str, Any]) -> list[str]:
     r"""Return figures with machine names, such as ``rmse_m``, as facts with units.
 
-    Parameters
-    ----------
-    figures : mapping of str to number or str
-        Units end the names: ``_m``, ``_m2``, ``_s``, ``_deg``, ``_per_cent``, ``_per_s``.
-
-    Returns
-    -------
-    list of str
-        One line each, in their order.
-
-    Examples
-    --------
     >>> print("\n".join(figure_lines({"rmse_m": 0.04661, "length_m": 4093.2, "time_s": 4140.0, "n": 36})))
       RMSE               0.047 m
       length             4.09 km
@@ -263,26 +233,7 @@ def refuse_existing(
     inputs: Iterable[Path | None] = (),
     own: Collection[str] = (),
 ) -> None:
-    """Refuse outputs that exist, that are inputs, or that cannot be written.
-
-    Parameters
-    ----------
-    outputs : iterable of pathlib.Path
-        Every file or folder that the command will write, companions included (``route.png``).
-        An empty folder counts as missing.
-    force : bool
-        Whether an output that exists may be replaced. An input is never replaced.
-    inputs : iterable of pathlib.Path or None
-        Every file or folder that the command reads; None stands for an option that was not given.
-    own : collection of str
-        For output folders: patterns of the files that the command writes there, as for
-        `survey.core.replacement.replacing_folder`. Without them all outputs are files.
-
-    Raises
-    ------
-    InputError
-        One sentence that names the output and what to do.
-    """
+    """Refuse outputs that exist, that are inputs, or that cannot be written."""
     from survey.core.replacement import refuse_unwritable, resolved
 
     given = [resolved(path) for path in inputs if path is not None]
@@ -293,18 +244,7 @@ def refuse_existing(
 
 
 def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
-    """Return input files with the files beside them that are read too (``.prj``, ``.dbf`` …).
-
-    Parameters
-    ----------
-    inputs : iterable of pathlib.Path or None
-        Files or folders that a command reads; None stands for an option that was not given.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Inputs that exist, each followed by its companions.
-    """
+    """Return input files with the files beside them that are read too (``.prj``, ``.dbf`` …)."""
     from survey.io.dataset_files import companion_files
 
     found: list[Path] = []
@@ -320,15 +260,7 @@ def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
 def companions_of_output(output: Path) -> list[Path]:
     """Return the files that a format of several files has beside its main file.
 
-    Parameters
-    ----------
-    output : pathlib.Path
-        The main file.
-
-    Returns
-    -------
-    list of pathlib.Path
-        For ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS; none for other formats.
+    Returns: for ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS; none for other formats.
     """
     suffixes = {".asc": (".prj",), ".shp": (".shx", ".dbf", ".prj", ".cpg")}.get(output.suffix.lower(), ())
     return [output.with_suffix(suffix) for suffix in suffixes]
@@ -372,15 +304,7 @@ def own_crs(path: Path) -> "CRS | None":
 
 
 def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False) -> "survey.Dem":
-    """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach.
-
-    Raises
-    ------
-    InputError
-        The raster is in another projected CRS, or lies elsewhere.
-    CapacityError
-        More cells on the bounds than planning accepts.
-    """
+    """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach."""
     import survey
     from planners.capacity import require_cells
     from survey.core.crs import same_crs

@@ -387,20 +387,7 @@ LOG_ENDINGS = (".bin", ".tlog", ".ulg")
 
 
 def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
-    """Open the log of an autopilot as a recording.
-
-    Parameters
-    ----------
-    source : pathlib.Path
-        Ends in one of `LOG_ENDINGS`.
-    crs : str, optional
-        Projected CRS.
-
-    Returns
-    -------
-    RecordedDrive
-        With fixes, wheels and inertial readings, as far as the log has them.
-    """
+    """Open the log of an autopilot as a recording."""
     from vision_slam.recorded_drive import RecordedDrive
 
     with needs_live_extra():

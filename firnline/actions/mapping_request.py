@@ -75,15 +75,7 @@ class MapRequest:
 
 
 def map_request(options: ReconstructRequest) -> MapRequest:
-    """Return the checked request.
-
-    Raises
-    ------
-    InputError
-        An option that the method does not use, or one that it lacks.
-    ConfigError
-        A setting that is unknown or wrong, or a mapping of columns that was not understood.
-    """
+    """Return the checked request."""
     _refuse_options_of_others(options)
     if options.method is not None:
         method_named(options.method)

@@ -426,15 +426,7 @@ class _JsonLines(logging.Formatter):
 
 @contextmanager
 def logged_to(path: Path, verbose: int | None) -> Iterator[None]:
-    """Append log records of firnline's packages to a file of JSON lines.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    verbose : int or None
-        0 echoes warnings on stderr, more echoes all records, and None echoes none.
-    """
+    """Append log records of firnline's packages to a file of JSON lines."""
     cut_incomplete_line(path)
     handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")]
     handlers[0].setFormatter(_JsonLines())

@@ -56,10 +56,7 @@ class AreaPlan:
 class AreaPlanResult(PlanResult):
     """Route of an area as the options ask for it.
 
-    Parameters
-    ----------
-    no_error_because : str
-        Why no error of the map is predicted; empty where it is, or where there is no prior.
+    `no_error_because`: why no error of the map is predicted; empty where it is, or where there is no prior.
     """
 
     route: "survey.Route"
@@ -130,13 +127,7 @@ def area_plan(
 
 
 def checked_options(request: PlanRequest) -> Any:
-    """Return the sections planner, rover and fleet as the options ask for them.
-
-    Raises
-    ------
-    ConfigError
-        A setting that is unknown or wrong.
-    """
+    """Return the sections planner, rover and fleet as the options ask for them."""
     from survey.core.config import validated, with_overrides
 
     return validated(_sections_model(), with_overrides(_sections(request), request.settings), "the options")
@@ -193,13 +184,7 @@ def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "tuple[Kernel | Non
 
 
 def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
-    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses.
-
-    Raises
-    ------
-    InputError
-        Too few cells lie on the area.
-    """
+    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses."""
     import planners
     from planners.planning import prior_covered_share
 
@@ -268,13 +253,7 @@ def preview_plan(request: PlanRequest) -> Preview:
 
 
 def check_mission_plan(request: PlanRequest) -> None:
-    """Refuse options that a mission file decides.
-
-    Raises
-    ------
-    ConfigError
-        Names them.
-    """
+    """Refuse options that a mission file decides."""
     from survey.core.errors import ConfigError
 
     stated = request.given(*_OF_A_MISSION)
@@ -291,15 +270,7 @@ def check_mission_plan(request: PlanRequest) -> None:
 
 
 def mode_of(request: PlanRequest) -> Callable[[PlanRequest, Progress], Result]:
-    """Return the function that carries out a request.
-
-    Raises
-    ------
-    ConfigError
-        Options that contradict one another, or a probability out of its range.
-    InputError
-        An output that exists, is an input or cannot be written.
-    """
+    """Return the function that carries out a request."""
     if request.require is not None:
         from planners.guarantee.requirement import require_probability
 

@@ -29,10 +29,7 @@ _CAUSES = {
 class SeasonPlan(PlanResult):
     """Design of two surveys of a season.
 
-    Parameters
-    ----------
-    design : SeasonDesign
-        The best design, and all others.
+    `design`: the best design, and all others.
     """
 
     design: "SeasonDesign"

@@ -163,18 +163,6 @@ def watch(request: WatchRequest, show: Callable[[str], None] = lambda _: None) -
 def text_of(entry: dict[str, Any]) -> str:
     """Return an event as a line, and nothing for inputs.
 
-    Parameters
-    ----------
-    entry : dict
-        Of the log.
-
-    Returns
-    -------
-    str
-        Without a line feed.
-
-    Examples
-    --------
     >>> text_of({"event": "warning", "time_s": 61.0, "about": "stuck", "text": "no movement for 90 s"})
     '1 min  WARNING no movement for 90 s'
     """
@@ -187,18 +175,6 @@ def text_of(entry: dict[str, Any]) -> str:
 def closing_line(counts: Mapping[str, int]) -> str:
     """Return the line at the end of a watch: what arrived, and why there is no map where there is none.
 
-    Parameters
-    ----------
-    counts : mapping of str to int
-        Numbers of inputs and events by kind.
-
-    Returns
-    -------
-    str
-        Without a line feed.
-
-    Examples
-    --------
     >>> closing_line({"sample": 300, "refused": 299})
     'end  300 samples, 299 of them refused, 0 swaths driven; no map, as fewer swaths were driven than the first fit needs'
     """

@@ -36,20 +36,6 @@ class Printing:
 def with_options_of(request: type[Request]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options that a dataclass declares, and call it with one instance.
 
-    Parameters
-    ----------
-    request : type
-        A dataclass whose fields are annotated by `firnline.actions.interface.Argument` and `Option`, or as typer's. Its
-        own fields come first in ``--help``, then those of its bases, then further parameters of the command; the fields of
-        one that is a dataclass, such as `Printing`, become options of their own.
-
-    Returns
-    -------
-    callable
-        Decorator for a function whose first argument is the request.
-
-    Examples
-    --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Greeting:
@@ -105,22 +91,7 @@ def _taken(kind: type, options: dict[str, Any]) -> Any:
 
 
 def print_result(result: Result, *, as_json: bool = False, quiet: bool = False) -> None:
-    """Print the lines of a result or its JSON, and its notes on stderr; end with exit code 5 where a class is not met.
-
-    Parameters
-    ----------
-    result : Result
-        Of an action.
-    as_json : bool
-        Print JSON.
-    quiet : bool
-        Print no lines.
-
-    Raises
-    ------
-    typer.Exit
-        With exit code 5.
-    """
+    """Print the lines of a result or its JSON, and its notes on stderr; end with exit code 5 where a class is not met."""
     for note in result.notes:
         typer.echo(f"firnline: {note}", err=True)
     if as_json:

@@ -12,21 +12,7 @@ from firnline.cli.request import Printing, print_result
 def run_stages(
     mission_file: Path, options: RunOptions, until: str, printing: Printing, *, workers: int | None = None
 ) -> None:
-    """Run the stages of a mission up to one and print its summary, or print which stages would be done.
-
-    Parameters
-    ----------
-    mission_file : pathlib.Path
-        The mission.
-    options : RunOptions
-        Folder of the runs, and settings.
-    until : str
-        The last stage.
-    printing : Printing
-        How the command reports its work.
-    workers : int, optional
-        Processes of drives with images.
-    """
+    """Run the stages of a mission up to one and print its summary, or print which stages would be done."""
     from firnline.actions.missions import preview_stages, run_until
 
     if printing.dry_run:
@@ -46,18 +32,7 @@ def run_stages(
 def watched_by(
     printing: Printing,
 ) -> Callable[[Mapping[str, float]], Callable[[str], AbstractContextManager[None]]]:
-    """Return what shows the progress of stages, given the seconds that they took before.
-
-    Parameters
-    ----------
-    printing : Printing
-        How the command reports its work.
-
-    Returns
-    -------
-    callable
-        For the actions of `firnline.actions.missions`.
-    """
+    """Return what shows the progress of stages, given the seconds that they took before."""
     from firnline.cli.progress import StageProgress
 
     return lambda expected_s: StageProgress(quiet=printing.quiet, expected_s=expected_s)

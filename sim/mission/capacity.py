@@ -41,27 +41,7 @@ MOST_SAMPLE_CELLS = 20_000_000
 
 
 def require_mission(mission: MissionConfig, shared: SharedWorld | None = None) -> World:
-    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world.
-
-    Parameters
-    ----------
-    mission : MissionConfig
-        The mission.
-    shared : SharedWorld, optional
-        Its world, which later stages use too.
-
-    Returns
-    -------
-    World
-        Terrain, prior and survey area.
-
-    Raises
-    ------
-    CapacityError
-        Names the setting and a value that would pass.
-    InputError
-        Starts that do not fit the fleet.
-    """
+    """Refuse a mission that cannot be held in memory or started, before its first stage, and return its world."""
     require_terrain(mission)
     world = (shared or SharedWorld(mission)).get()
     homes_of(world.area, Crew(mission.rover, mission.fleet))

@@ -16,10 +16,6 @@ from planners.steering import attitude_sensor
 from sim.config.mission import MissionConfig
 from sim.instruments.environment import record_payload
 from sim.instruments.lidar import scans_along
-from sim.mission.localization import estimate_drive as estimate_drive  # noqa: PLC0414 - for sim.mission.stages
-from sim.mission.localization import mapped_points as mapped_points  # noqa: PLC0414 - for sim.mission.stages
-from sim.mission.localization import path_scores as path_scores  # noqa: PLC0414 - for sim.mission.stages
-from sim.mission.localization import with_ice_motion as with_ice_motion  # noqa: PLC0414 - for sim.mission.stages
 from sim.mission.losses import loss_on
 from sim.simulate.simulation import simulate_ideal, simulate_statistical
 from sim.simulate.steering import SteeredPath, add_attitude_errors

@@ -16,12 +16,12 @@ from threadpoolctl import threadpool_limits
 
 import planners
 import survey
+from planners.routes.replanning import with_way_home
 from sim.config.mission import MissionConfig
 from sim.mission.derived_maps import map_hazards, map_payloads, score_payloads
-from sim.mission.drives import estimate_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet, find_ties, tied_drives
+from sim.mission.localization import estimate_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.runs import refuse_other_versions
-from sim.simulate.simulation import with_way_home
 from sim.world.moving_ice import in_ice_order, write_on_ice
 from sim.world.site import SharedWorld
 from survey.core.arguments import check_types

@@ -30,7 +30,6 @@ from typing import Any, Literal
 import numpy as np
 
 from planners import LawnmowerConfig
-from planners.routes.replanning import with_way_home as with_way_home  # noqa: PLC0414 - for sim.mission.stages
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.rover import RoverConfig
 from sim.config.sensors import InstrumentsConfig

@@ -84,11 +84,6 @@ def read_vertices(file: Path) -> tuple[Rows, list[str]]:
     """Read the single numbers of the vertices (N,), and the comments before the first element.
 
     Where the file is binary and vertices have no lists, the rows are mapped into memory.
-
-    Raises
-    ------
-    PlyError
-        The file departs from the format or was cut off.
     """
     header = read_header(file)
     if all(element.name != "vertex" for element in header.elements):

@@ -120,25 +120,7 @@ def chosen_method(
 
 
 def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
-    """Check the points, run a method, and bound its map by lines of sight where it does not do so itself.
-
-    Parameters
-    ----------
-    method : ReconstructionMethod
-        Of the registry.
-    task : MappingTask
-        Points, grid, and what goes with them.
-
-    Returns
-    -------
-    MappedTerrain
-        The map, and the correction of the path for a joint map.
-
-    Raises
-    ------
-    InputError
-        Points and grid in different systems, points that cannot be used, or something that the method lacks.
-    """
+    """Check the points, run a method, and bound its map by lines of sight where it does not do so itself."""
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
     method.require_room(task.grid.bounds, task.grid.step_m, task.configs)

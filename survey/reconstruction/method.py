@@ -28,32 +28,14 @@ AnySection = TypeVar("AnySection", bound=Section)
 class MethodSettings:
     """Settings of a method by their class; a class without settings has its defaults.
 
-    Parameters
-    ----------
-    by_class : mapping of type to Section
-        One section of each class.
-
-    >>> from survey.reconstruction.gp.config import JointConfig
-    >>> MethodSettings.of(JointConfig(slope_passes=3)).get(JointConfig).slope_passes
-    3
+    `by_class`: one section of each class.
     """
 
     by_class: Mapping[type[Section], Section] = field(default_factory=lambda: ReadOnlyMapping({}))
 
     @classmethod
     def of(cls, *sections: Section) -> Self:
-        """Return settings of one or several classes.
-
-        Parameters
-        ----------
-        *sections : Section
-            Each counts for its class and for the classes that it derives from.
-
-        Returns
-        -------
-        MethodSettings
-            With these sections.
-        """
+        """Return settings of one or several classes."""
         found = {
             kind: section
             for section in sections
@@ -63,18 +45,7 @@ class MethodSettings:
         return cls(ReadOnlyMapping(found))
 
     def get(self, kind: type[AnySection]) -> AnySection:
-        """Return the settings of a class, or their defaults.
-
-        Parameters
-        ----------
-        kind : type
-            Class of the settings.
-
-        Returns
-        -------
-        Section
-            Settings of that class.
-        """
+        """Return the settings of a class, or their defaults."""
         found = self.by_class.get(kind)
         return found if isinstance(found, kind) else kind()
 
@@ -83,28 +54,12 @@ class MethodSettings:
 class MappingTask:
     """Input of one map from points.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-    grid : Grid
-        Nodes of the map, in the points' CRS.
-    prior : Dem or Mean, optional
-        Expected surface.
-    path : PathError, optional
-        Error that the points share through the poses they were seen from.
-    quantity : str
-        Mapped quantity, with its unit.
-    configs : MethodSettings
-        Settings of the method.
-    rays : bool
-        Whether lines of sight bound the map.
-    progress : callable, optional
-        Progress callback of maps that take long.
-    area : SurveyArea, optional
-        Ground of which the map claims its error; the grid by default.
-    blunders : sequence of dict, optional
-        Record of the blunders that were left out of the points; by default the points are not checked yet.
+    `points`: measured points. `grid`: nodes of the map, in the points' CRS. `prior`: expected surface.
+    `path`: error that the points share through the poses they were seen from. `quantity`: mapped quantity,
+    with its unit. `configs`: settings of the method. `rays`: whether lines of sight bound the map.
+    `progress`: progress callback of maps that take long. `area`: ground of which the map claims its error;
+    the grid by default. `blunders`: record of the blunders that were left out of the points; by default the
+    points are not checked yet.
     """
 
     points: SurfacePoints
@@ -119,34 +74,15 @@ class MappingTask:
     blunders: Sequence[Mapping[str, Any]] | None = None
 
     def config(self, kind: type[AnySection]) -> AnySection:
-        """Return the settings of one kind, or their defaults.
-
-        Parameters
-        ----------
-        kind : type
-            Class of the settings.
-
-        Returns
-        -------
-        Section
-            Settings of that class.
-        """
+        """Return the settings of one kind, or their defaults."""
         return self.configs.get(kind)
 
 
 class MappedTerrain(NamedTuple):
     """A map, the correction of the path where the method estimates one, and the number of points that were mapped.
 
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        The map.
-    correction : PathCorrection, optional
-        Correction of the path.
-    n_points : int
-        Number of points that were mapped.
-    solution : JointSolution, optional
-        Solution that a joint map was read from, for questions about its covariance.
+    `reconstruction`: the map. `correction`: correction of the path. `n_points`: number of points that were
+    mapped. `solution`: solution that a joint map was read from, for questions about its covariance.
     """
 
     reconstruction: Reconstruction
@@ -176,16 +112,8 @@ class ScanModel(Protocol):
 class ScanSettings(NamedTuple):
     """Settings of a map from scans: distance of the nodes [m], fixed extent [m], lines of sight, method's settings.
 
-    Parameters
-    ----------
-    step_m : float, optional
-        Distance of the nodes [m].
-    bounds : (4,) tuple of float, optional
-        Fixed extent ``(xmin, ymin, xmax, ymax)`` [m].
-    rays : bool
-        Whether lines of sight bound the map.
-    configs : MethodSettings
-        Settings of the method.
+    `step_m`: distance of the nodes [m]. `bounds` (4,): fixed extent ``(xmin, ymin, xmax, ymax)`` [m]. `rays`:
+    whether lines of sight bound the map. `configs`: settings of the method.
     """
 
     step_m: float | None = None
@@ -231,21 +159,7 @@ class ReconstructionMethod:
     ) -> None:
         """Refuse a map that would not fit into memory, or settings that do not fit the map.
 
-        Parameters
-        ----------
-        bounds : (xmin, ymin, xmax, ymax)
-            Extent of the map [m].
-        step_m : float
-            Distance between the nodes [m].
-        configs : MethodSettings
-            Settings of the method.
-        covered : bool
-            Whether points will lie all over the extent, as those of a mission do.
-
-        Raises
-        ------
-        InputError
-            A length scale or a step that the map cannot have; the message names the smallest that passes.
+        `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]. `step_m`: distance between the nodes [m].
         """
         require_nodes(bounds, step_m, self.bytes_per_node)
         settings = ScanSettings(step_m, bounds, configs=configs)

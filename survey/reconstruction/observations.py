@@ -283,29 +283,7 @@ class SoundPoints(NamedTuple):
 def sound_points(
     points: SurfacePoints, quantity: str = ELEVATION, *, has_area: bool = False, file: str | None = None
 ) -> SoundPoints:
-    """Leave gross blunders of the heights out; refuse feet among metres, and far places where no area is given.
-
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-    quantity : str
-        Mapped quantity; heights are checked where it is the elevation.
-    has_area : bool
-        Whether the ground to map is given, so that far places do no harm.
-    file : str, optional
-        Name of the file for messages and the record.
-
-    Returns
-    -------
-    SoundPoints
-        The same points where they hold no blunder.
-
-    Raises
-    ------
-    InputError
-        Few places far from all others, or heights in feet among heights in metres.
-    """
+    """Leave gross blunders of the heights out; refuse feet among metres, and far places where no area is given."""
     try:
         if not has_area:
             refuse_far_places(points)
@@ -338,18 +316,7 @@ def refuse_feet_among_metres(points: SurfacePoints) -> None:
 
 
 def refuse_far_places(points: SurfacePoints) -> None:
-    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does.
-
-    Parameters
-    ----------
-    points : SurfacePoints
-        Measured points.
-
-    Raises
-    ------
-    InputError
-        At most 2 % of the points are more than 50 times as far away as the others extend.
-    """
+    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does."""
     if len(points) < LEAST_TESTED:
         return
     low, middle, high = np.quantile(points.xy, [_MOST_SHARE, 0.5, 1.0 - _MOST_SHARE], axis=0)

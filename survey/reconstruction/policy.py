@@ -46,39 +46,7 @@ def map_landmarks(
     area: SurveyArea | None = None,
     blunders: Sequence[Mapping[str, Any]] | None = None,
 ) -> MappedTerrain:
-    """Map landmarks as the settings say.
-
-    Parameters
-    ----------
-    points : SurfacePoints
-        Landmarks, or other measured points.
-    grid : Grid
-        Nodes of the map, in the points' CRS.
-    config : ReconstructionConfig
-        Method, treatment of shared errors, lines of sight, and settings of the method.
-    prior : Dem, optional
-        Coarse elevation model; used where ``use_prior`` is set.
-    path : PathError, optional
-        Error of the path that the points were seen from.
-    quantity : str
-        Mapped quantity.
-    progress : callable, optional
-        Progress callback of maps that take long.
-    area : SurveyArea, optional
-        Ground of which the map claims its error; the grid by default.
-    blunders : sequence of dict, optional
-        Record of the blunders that were left out of the points; by default the points are checked here.
-
-    Returns
-    -------
-    MappedTerrain
-        The map, and the correction of the path for a joint map.
-
-    Raises
-    ------
-    InputError
-        What the method refuses, points that cannot be used, or points that all lie beyond the prior.
-    """
+    """Map landmarks as the settings say."""
     prior = prior if config.use_prior else None
     method = chosen_method(config.method, path, config.landmark_errors)
     if blunders is None:

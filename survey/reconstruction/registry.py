@@ -97,17 +97,6 @@ class ReconstructionConfig(Section):
         return self.rays or own.get(self.method, False)
 
     def configs_of(self, method: ReconstructionMethod) -> MethodSettings:
-        """Return the settings that a method reads.
-
-        Parameters
-        ----------
-        method : ReconstructionMethod
-            Of the registry.
-
-        Returns
-        -------
-        MethodSettings
-            One for each of the method's sections.
-        """
+        """Return the settings that a method reads."""
         sections = dict(self)
         return MethodSettings.of(*(sections[name] for name in method.configs))

@@ -33,29 +33,6 @@ def map_scans(
 
     Gross blunders and isolated returns below the ground are left out of every scan, and with lines of sight also returns
     from what overhangs the ground.
-
-    Parameters
-    ----------
-    scans : iterable of SurfacePoints
-        One element per scan, read when it is needed.
-    method : ReconstructionMethod
-        One that takes scans (``method.begin``).
-    settings : ScanSettings
-        Distance of the nodes, lines of sight, and settings of the method.
-    grid : Grid, optional
-        Nodes of the map; by default all that was mapped.
-    on_scan : callable
-        Called with the number of scans so far.
-
-    Returns
-    -------
-    ScanMap
-        The map, and the number of scans.
-
-    Raises
-    ------
-    InputError
-        The method takes no scans, lines of sight are asked of one that uses none, or there is no scan.
     """
     if method.begin is None:
         raise InputError(f"the method {method.name} maps points, not scans; take field, emap or carving.")

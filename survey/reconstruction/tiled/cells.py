@@ -216,26 +216,8 @@ def cell_statistics(
 ) -> npt.NDArray[np.void]:
     """Return the cells of a tile that hold points, for each strip, by rows, columns and strips.
 
-    Parameters
-    ----------
-    layout : TileLayout
-        Tiles of the map.
-    tile : MapTile
-        The tile.
-    files : sequence of pathlib.Path
-        Its sorted points; they are read in this order, which fixes the rounding.
-    left_out : (K,) ndarray of int, optional
-        Numbers of points that are left out, counted through all files.
-
-    Returns
-    -------
-    (N,) ndarray of `CELL`
-        Cells with their statistics.
-
-    Raises
-    ------
-    InputError
-        A file was cut off.
+    `left_out` (K,) int: numbers of points that are left out, counted through all files. Returns (N,): cells
+    with their statistics.
     """
     window = layout.window(tile)
     parts = [read_sorted(file) for file in files]
@@ -255,20 +237,6 @@ def blunders_in(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> Blu
     """Return the points of a tile whose height is a blunder.
 
     Where cells hold many points, only points in cells with a large range of heights, or beside such cells, are tested.
-
-    Parameters
-    ----------
-    layout : TileLayout
-        Tiles of the map.
-    tile : MapTile
-        The tile.
-    files : sequence of pathlib.Path
-        Its sorted points.
-
-    Returns
-    -------
-    Blunders
-        Their numbers count through all files; the places are in the CRS of the map.
     """
     window = layout.window(tile)
     parts = [read_sorted(file) for file in files]
