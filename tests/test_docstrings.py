@@ -9,10 +9,10 @@ class needs a summary only.
 
 import inspect
 from collections.abc import Iterator
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple
 
 from numpydoc.validate import validate
 from pydantic import BaseModel
@@ -109,8 +109,8 @@ def overrides(name: str) -> bool:
 
 def has_parameters(kind: type) -> bool:
     """Return whether the fields of a request state their meaning themselves, as options of the command line do."""
-    hints = get_type_hints(kind, include_extras=True) if is_dataclass(kind) else {}
-    marks = [mark for hint in hints.values() for mark in getattr(hint, "__metadata__", ())]
+    declared = fields(kind) if is_dataclass(kind) else ()
+    marks = [mark for field in declared for mark in getattr(field.type, "__metadata__", ())]
     return any(isinstance(mark, Parameter) for mark in marks)
 
 
