@@ -27,8 +27,7 @@ from benchmarks.report import Row, cpu_seconds, main
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan, plan_once
 from desk.plan.summary import error_map, plan_summary
-from desk.sources import open_workspace, write_demo
-from desk.workspace import Workspace
+from desk.workspace import Workspace, open_workspace, write_demo
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 _COUNT = count()

@@ -1,4 +1,4 @@
-"""Workspace of the desk: a terrain, the plan that is drawn on it, and the folder in which files are written."""
+"""Workspace of the desk: the folder, terrain and plan that a page works on, and how it is opened from files."""
 
 import tempfile
 from contextlib import ExitStack
@@ -10,15 +10,18 @@ from pyproj import CRS
 
 from desk.jobs.job import Jobs
 from desk.plan.document import PlanDocument
-from desk.plan.history import SUFFIX, StoredHistory
+from desk.plan.history import SUFFIX, StoredHistory, read_history
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from firnline.actions.interface import own_crs
+from survey.core.errors import InputError
 from survey.core.map_scale import MapScale
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 
 if TYPE_CHECKING:
     from desk.plan.live import LivePlanner
+    from sim.config.mission import MissionConfig
 
 
 class Workspace:
@@ -79,3 +82,94 @@ class Workspace:
         place = Path(folder) / "terrain.tif"
         Dem.read(terrain).write(place)
         return place
+
+
+def open_workspace(source: Path | None, folder: Path) -> Workspace:
+    """Open what the command names."""
+    source = source or _latest_plan(folder)
+    if source.name.endswith(SUFFIX):
+        history = read_history(source)
+        return Workspace(source.parent / Path(history.terrain).name, source, history.document)
+    if source.is_dir():
+        return _of_run(source, folder)
+    if source.suffix == ".toml":
+        return _of_mission(source, folder)
+    return Workspace(source, source.parent / f"{source.stem}{SUFFIX}", PlanDocument())
+
+
+def _latest_plan(folder: Path) -> Path:
+    """Return the plan of a folder that was changed last."""
+    plans = sorted(folder.glob(f"*{SUFFIX}"), key=lambda file: file.stat().st_mtime)
+    if not plans:
+        raise InputError(
+            f"the folder {folder} holds no plan of the desk ({SUFFIX}); name a raster of elevations, as in "
+            "firnline desk srtm.tif, or try firnline desk --demo."
+        )
+    return plans[-1]
+
+
+def _of_mission(source: Path, folder: Path) -> Workspace:
+    from sim.mission.runs import read_mission
+    from sim.world.site import build_world
+
+    mission = read_mission(source)
+    world = build_world(mission)
+    return _workspace(mission, world.area, world.prior, folder)
+
+
+def _of_run(source: Path, folder: Path) -> Workspace:
+    from sim.mission.runs import read_mission
+    from survey.core.run_folder import RunFolder
+    from survey.data.area import SurveyArea
+    from survey.data.dem import Dem
+
+    run = RunFolder.find(source)
+    stage = run.verified("plan")
+    mission = read_mission(run.path / "config.toml")
+    area, prior = SurveyArea.read(stage / "area.gpkg"), Dem.read(stage / "prior.tif")
+    return _workspace(mission, area, prior, folder, run.path)
+
+
+def _workspace(
+    mission: "MissionConfig", area: "SurveyArea", prior: "Dem", folder: Path, run: Path | None = None
+) -> Workspace:
+    """Store the prior of a mission in the current folder, and open it with the mission's settings."""
+    terrain = folder / f"{mission.name}_prior.tif"
+    if not terrain.exists():
+        prior.write(terrain)
+    return Workspace(terrain, folder / f"{mission.name}{SUFFIX}", _document(mission, area), run)
+
+
+def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:
+    """Return the survey of a mission, with the settings that differ from their defaults."""
+    from planners.routes.rover import Rover
+
+    planner = mission.planner.model_dump(mode="json", exclude_defaults=True)
+    rover = mission.rover.model_dump(mode="json", exclude_defaults=True, include=set(Rover.model_fields))
+    return PlanDocument.of_area(
+        area,
+        planner={**planner, "pattern": mission.planner.pattern},
+        rover=rover,
+        fleet=mission.fleet.model_dump(mode="json", exclude_defaults=True),
+    )
+
+
+_NAME = "srtm_sample"
+
+
+def write_demo(folder: Path) -> Path:
+    """Write the sample terrain and a plan to begin with; what is there already stays."""
+    from survey.terrain.real import real_sample, sample_site
+
+    folder.mkdir(parents=True, exist_ok=True)
+    terrain, plan_file = folder / f"{_NAME}.tif", folder / f"{_NAME}{SUFFIX}"
+    if not terrain.exists():
+        real_sample().write(terrain)
+    if not plan_file.exists():
+        site = sample_site()
+        west, south, east, north = (round(limit, -1) for limit in site.bounds)
+        bounds = (west - 200.0, south - 200.0, east + 200.0, north + 200.0)
+        area = SurveyArea.rectangle(bounds, site.prior.crs)
+        document = PlanDocument.of_area(area).model_copy(update={"starts": ((west - 150.0, south - 150.0),)})
+        StoredHistory(plan_file, terrain.name, document).write()
+    return plan_file

@@ -1,25 +1,34 @@
-"""Application of the desk, its socket on 127.0.0.1, and the browser."""
+"""Server of the desk: its routes, its start, and the gate in front of it.
 
+`Gate` checks the address and the key of each request and limits its size, and gives every answer the same protective
+headers. The socket is open on 127.0.0.1 only.
+"""
+
+import hmac
 import logging
+import secrets
 import socket
 import webbrowser
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from threading import Thread
+from urllib.parse import parse_qs
 
 import typer
 import uvicorn
 from starlette.applications import Starlette
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from desk.server import job_routes as jobs
 from desk.server import map_routes as maps
 from desk.server import plan_routes as plan
 from desk.server import replies
-from desk.server.gate import Gate
 from desk.server.replies import refused
-from desk.sources import open_workspace, write_demo
-from desk.workspace import Workspace
-from survey.core.errors import FirnlineError, InputError
+from desk.workspace import Workspace, open_workspace, write_demo
+from survey.core.errors import CapacityError, FirnlineError, InputError
 
 _ROUTES = (
     Route("/", replies.page),
@@ -110,3 +119,168 @@ def _listener(port: int) -> socket.socket:
         ) from error
     listener.listen(128)
     return listener
+
+
+LARGEST_BODY_BYTES = 64 * 2**20
+"""Largest body of a request: a file that is dropped onto the page."""
+_TOO_LARGE = f"at most {LARGEST_BODY_BYTES // 2**20} MB can be sent at once; choose a smaller file."
+_READING = ("GET", "HEAD")
+_METHODS = (*_READING, "POST", "DELETE")
+_HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "cache-control": "no-store",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+}
+# A redirect would be the second half of a navigation from outside, for which a strict cookie is not sent.
+_WELCOME = (
+    '<!doctype html><html lang="en"><meta charset="utf-8"><title>firnline desk</title>'
+    '<link rel="icon" href="data:,">'
+    '<meta http-equiv="refresh" content="0;url=/"><p><a href="/">Open the desk</a></p></html>'
+)
+
+
+class TooLargeError(CapacityError):
+    """A body beyond `LARGEST_BODY_BYTES`, found while it arrives."""
+
+
+class Gate:
+    """ASGI middleware that lets only the page of this server ask.
+
+    The first visit needs a token, which is valid once and is exchanged for a cookie. The host has to be
+    that of the server, against DNS rebinding. The origin, where the browser states one, has to be that of the
+    page, against requests of other pages; requests that change something have to state it.
+
+    `app`: what is behind the gate. `port`: port of the server on 127.0.0.1.
+
+    >>> gate = Gate(lambda *_: None, 8000)
+    >>> gate.address.startswith("http://127.0.0.1:8000/?token=")
+    True
+    """
+
+    def __init__(self, app: ASGIApp, port: int) -> None:
+        self._app = app
+        self._host = f"127.0.0.1:{port}"
+        self._origin = f"http://{self._host}"
+        self._cookie = f"firnline_desk_{port}"
+        self._token: str | None = secrets.token_urlsafe(32)
+        self._session = secrets.token_urlsafe(32)
+
+    @property
+    def address(self) -> str:
+        """Address of the first visit, with the token."""
+        return f"{self._origin}/?token={self._token}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or pass it on."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        answer = self._refusal(scope) or self._first_visit(scope) or self._without_session(scope)
+        send = _protected(send)
+        if answer is not None:
+            await answer(scope, receive, send)
+            return
+        await self._app(scope, _limited(receive), send)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        """Return an answer to a request from elsewhere, or of a kind that the page does not make."""
+        headers = _headers(scope)
+        if headers.get("host") != self._host:
+            return PlainTextResponse(f"This server is {self._host}, not the host that was asked.", 421)
+        if scope["method"] not in _METHODS:
+            return PlainTextResponse(f"The method {scope['method']} is not used here.", 405)
+        origin = headers.get("origin")
+        states_no_origin = origin is None and scope["method"] in _READING
+        if not (origin == self._origin or states_no_origin):
+            return PlainTextResponse("The request comes from another page.", 403)
+        if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+            return PlainTextResponse("The request comes from another site.", 403)
+        size = headers.get("content-length", "0")
+        return _too_large() if not size.isdigit() or int(size) > LARGEST_BODY_BYTES else None
+
+    def _first_visit(self, scope: Scope) -> Response | None:
+        """Exchange the token for the cookie; a token is accepted once."""
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token")
+        if scope["path"] != "/" or scope["method"] != "GET" or not given:
+            return None
+        if self._token is None or not _equal(given[0], self._token):
+            return None if self._has_session(scope) else _locked()
+        self._token = None
+        answer = HTMLResponse(_WELCOME)
+        answer.set_cookie(self._cookie, self._session, path="/", httponly=True, samesite="strict")
+        return answer
+
+    def _without_session(self, scope: Scope) -> Response | None:
+        return None if self._has_session(scope) else _locked()
+
+    def _has_session(self, scope: Scope) -> bool:
+        try:
+            found = SimpleCookie(_headers(scope).get("cookie", "")).get(self._cookie)
+        except CookieError:
+            return False
+        return found is not None and _equal(found.value, self._session)
+
+
+def _locked() -> Response:
+    return PlainTextResponse(
+        "This desk belongs to another window; open the address that firnline desk printed, or start it again.",
+        401,
+    )
+
+
+def _too_large() -> Response:
+    return PlainTextResponse(_TOO_LARGE, 413)
+
+
+def _headers(scope: Scope) -> dict[str, str]:
+    """Return the headers; of one that stands twice, both values, which no check accepts."""
+    found: dict[str, str] = {}
+    pairs: Iterable[tuple[bytes, bytes]] = scope["headers"]
+    for raw_name, raw in pairs:
+        name, value = raw_name.decode("latin-1").lower(), raw.decode("latin-1")
+        found[name] = f"{found[name]}, {value}" if name in found else value
+    return found
+
+
+def _equal(given: str, expected: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), expected.encode())
+
+
+def _limited(receive: Receive) -> Receive:
+    """Count the bytes that arrive, and do not rely on the header."""
+    arrived = 0
+
+    async def counted() -> Message:
+        nonlocal arrived
+        message = await receive()
+        arrived += len(message.get("body", b""))
+        if arrived > LARGEST_BODY_BYTES:
+            raise TooLargeError(_TOO_LARGE)
+        return message
+
+    return counted
+
+
+def _protected(send: Send) -> Send:
+    """Add the protective headers to an answer."""
+
+    async def with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            stated = {name.lower() for name, _ in message["headers"]}
+            added = (
+                dict(_HEADERS) if b"cache-control" in stated else {**_HEADERS, "cache-control": "no-store"}
+            )
+            message["headers"] = [*message["headers"], *((k.encode(), v.encode()) for k, v in added.items())]
+        await send(message)
+
+    return with_headers

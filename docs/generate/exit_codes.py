@@ -1,6 +1,6 @@
 """Reference of exit codes, from the topic of the command line and the classes of errors."""
 
-from firnline.cli.commands.guide import _EXIT_CODES
+from firnline.cli.guide import _EXIT_CODES
 from generate.tables import code, table
 from survey.core import errors
 

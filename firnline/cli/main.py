@@ -5,25 +5,23 @@ import sys
 
 import typer
 
-from firnline.cli.commands import (
-    calibrate,
-    change,
-    export,
-    guide,
-    localize,
-    payload,
-    plan,
-    reconstruct,
-    reproduce,
-    rover,
-    run,
-    score,
-    studies,
-    watch,
-)
-from firnline.cli.commands.desk import desk
-from firnline.cli.help import help_of, options
+from firnline.cli import guide
+from firnline.cli import mapping as calibrate
+from firnline.cli import mapping as localize
+from firnline.cli import mapping as payload
+from firnline.cli import mapping as reconstruct
+from firnline.cli import missions as reproduce
+from firnline.cli import missions as run
+from firnline.cli import missions as studies
+from firnline.cli import planning as export
+from firnline.cli import planning as plan
+from firnline.cli import scoring as change
+from firnline.cli import scoring as score
+from firnline.cli import vehicles as rover
+from firnline.cli import vehicles as watch
 from firnline.cli.outcome import run_guarded
+from firnline.cli.planning import desk
+from firnline.cli.request import help_of, options
 
 # Allocations between two searches for reference cycles; at Python's 700 they take a tenth of the time of a report.
 _ALLOCATIONS = 50_000

@@ -1,5 +1,10 @@
-"""Commands whose options are the fields of a request, the options that all commands share, and the printing of results."""
+"""Options of the command line from the fields of a request, their help, and the output of results.
 
+A request declares its parameters once (`firnline.actions.interface`); `with_options_of` gives a command the options that
+they state, and `print_result` prints a result as lines or as JSON.
+"""
+
+import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import wraps
@@ -121,3 +126,35 @@ def _mark_for_typer(mark: Any) -> Any:
     if isinstance(mark, Option):
         return typer.Option(*mark.names, **mark.settings)
     return typer.Argument(*mark.names, **mark.settings) if isinstance(mark, Argument) else mark
+
+
+# click neither joins nor breaks the lines of a paragraph that begins with this mark.
+_UNBROKEN = "\b"
+
+
+def help_of(command: Callable[..., Any]) -> str:
+    """Return the docstring of a command as its help, with examples that are not broken at the terminal's width."""
+    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
+    return "\n\n".join(_UNBROKEN + "\n" + one if _is_example(one) else one for one in paragraphs)
+
+
+def _is_example(paragraph: str) -> bool:
+    return paragraph.startswith("  firnline ") and "\n" not in paragraph
+
+
+def print_version(wanted: bool) -> None:
+    """Print the version and leave, where it is asked for."""
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"firnline {version('firnline')}")
+        raise typer.Exit
+
+
+def options(
+    _: Annotated[
+        bool,
+        typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Plan, simulate and judge robotic surveys of glaciers and other terrain."""

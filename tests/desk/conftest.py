@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from desk.plan.document import PlanDocument
-from desk.server.gate import Gate
-from desk.server.serve import desk_app
+from desk.server.serve import Gate, desk_app
 from desk.workspace import Workspace
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from desk.sources import open_workspace, write_demo
+from desk.workspace import open_workspace, write_demo
 from firnline.actions.missions import run_until
 from firnline.actions.requests import RunOptions
 from survey.core.errors import InputError

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import uvicorn
 
-from desk.server.gate import Gate
-from desk.server.serve import _listener, desk_app
+from desk.server.serve import Gate, _listener, desk_app
 from desk.workspace import Workspace
 
 WAIT_MS = 120_000  # loaded machines are slow

@@ -165,7 +165,7 @@ def test_a_closed_tab_loses_nothing(opened):
 
 
 def test_a_crash_of_the_server_loses_nothing(opened, browser):
-    from desk.sources import open_workspace
+    from desk.workspace import open_workspace
     from tests.desk.browser.conftest import DeskPage, DeskServer
 
     opened.draw("no_go", [place(400, 400), place(500, 400), place(500, 500)])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image, ImageDraw
 
-from desk.sources import open_workspace, write_demo
+from desk.workspace import open_workspace, write_demo
 from tests.desk.browser.conftest import DeskPage, DeskServer
 
 pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from desk.plan.document import MOST_VERTICES
-from desk.sources import open_workspace
+from desk.workspace import open_workspace
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from desk.server.gate import LARGEST_BODY_BYTES
+from desk.server.serve import LARGEST_BODY_BYTES
 from tests.desk.conftest import HOST, ORIGIN
 
 READING = ("/", "/api/site", "/api/plan", "/static/js/main.js", "/tiles/relief/0/0/0.png")

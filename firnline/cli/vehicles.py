@@ -1,4 +1,4 @@
-"""Commands of a rover on a link: ``upload``, ``download`` and ``rover``."""
+"""Commands of a survey under way: ``upload``, ``download``, ``rover`` and ``watch``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +7,7 @@ import typer
 
 from firnline.actions import exporting
 from firnline.actions.interface import needs_live_extra
+from firnline.actions.watching import WatchRequest
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import DryRun, Json, Quiet, print_result, with_options_of
 
@@ -99,3 +100,30 @@ def rover(
         typer.echo(f"the rover listens at udp://127.0.0.1:{radio.port}")
         settings = RoverSettings(speed_m_s=speed_m_s, range_m=range_m, seed=seed)
         serve_rover(radio, settings, terrain, hasten=hasten)
+
+
+@with_exit_codes
+@with_options_of(WatchRequest)
+def watch(request: WatchRequest, quiet: Quiet = False) -> None:
+    """Follow a survey while it is driven: map, class with its probability, next swath, or stop.
+
+    For example:
+
+      firnline watch udp://127.0.0.1:14550 --area site.gpkg --route route.geojson --require 0.45 --log drive.jsonl
+
+      firnline watch fixes.csv --area site.gpkg --route route.geojson --once
+
+      firnline watch --replay drive.jsonl --log again.jsonl
+
+    The survey may stop when the map meets the class with the probability. After every swath the covariance of the terrain
+    is fitted again, and the swath is named after which fewest have to follow; between, the map is updated. Warnings are
+    about a rover that is stuck or silent, and about the charge for the way home. Ends with exit code 5 where no further
+    swath would reach the class. Telemetry needs firnline[live].
+    """
+    from firnline.actions import watching
+
+    def show(line: str) -> None:
+        if not quiet:
+            typer.echo(line)
+
+    print_result(watching.watch(request, show))

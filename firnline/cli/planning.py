@@ -1,0 +1,131 @@
+"""Commands that plan a survey: ``plan``, ``export`` and ``desk``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from firnline.actions import exporting
+from firnline.actions.plan_request import PlanRequest, PlanResult
+from firnline.cli.missions import run_stages
+from firnline.cli.outcome import with_exit_codes
+from firnline.cli.request import DryRun, Printing, print_result, with_options_of
+
+
+@with_exit_codes
+@with_options_of(PlanRequest)
+def plan(request: PlanRequest, printing: Printing) -> None:
+    """Plan the route of a survey.
+
+    Every setting of the sections planner, rover and fleet of a mission file can be set with --set. Ground
+    that the rover cannot reach is left out; a warning gives its share, places and reasons. Distances are
+    metres on the ground. An existing route or picture is replaced with --force only.
+
+    For example:
+
+      firnline plan site.geojson --prior srtm.tif --swaths 6 -o route.geojson
+
+      firnline plan site.kml --prior srtm.tif --pattern wavy --spacing 50 --max-slope 20
+
+      firnline plan area.kml --prior copernicus.tif -o plan.pdf
+
+      firnline plan site.geojson --no-go map/no_go.tif --swaths 6
+
+      firnline plan site.gpkg --spacing 20 --rovers 3 --set rover.turn_radius_m=2 --set rover.battery_j=4e6
+
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --probability 0.9
+
+      firnline plan glacier.gpkg --prior glo30.tif --require class-3 --surface bare-ice --max-swaths 60
+
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --joint --set aids.base_station=true
+
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive -o first_two.geojson
+
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive --driven so_far.geojson --measured so_far.csv
+
+      firnline plan glacier.gpkg --prior glo30.tif --season 0.3 --dates 2026-05-01,2026-09-20 --surface bare-ice
+
+      firnline plan mine.toml
+
+      firnline plan mine.toml --require class-3
+    """
+    from firnline.actions.planning import mode_of, plan, preview_plan
+    from firnline.cli.progress import counted
+
+    if request.is_mission and (printing.dry_run or request.require is None):
+        mode_of(request)
+        run_stages(request.source, request, "plan", printing)
+        return
+    if printing.dry_run:
+        print_result(preview_plan(request))
+        return
+    with counted(quiet=printing.quiet) as progress:
+        made = plan(request, progress)
+    print_result(made.write() if isinstance(made, PlanResult) else made, as_json=printing.as_json)
+
+
+@with_exit_codes
+@with_options_of(exporting.ExportRequest)
+def export(request: exporting.ExportRequest, dry_run: DryRun = False) -> None:
+    """Write a file in the format that the other's ending names.
+
+    For example:
+
+      firnline export route.geojson survey.plan --autopilot ardupilot --area site.kml --dem prior.tif --speed 1.2
+
+      firnline export results/runs/srtm-ridge/latest route.gpx
+
+      firnline export results/runs/short-drive/latest drive.mcap
+
+      firnline export map.tif map.asc
+
+      firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
+    """
+    if dry_run:
+        print_result(exporting.preview_export(request))
+    else:
+        print_result(exporting.export(request).write())
+
+
+@with_exit_codes
+def desk(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Raster of prior elevations, plan of the desk (.desk.json), mission file (.toml) or run folder; "
+            "the latest plan of this folder when left out."
+        ),
+    ] = None,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; a free one by default.")
+    ] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address only; open no browser.")
+    ] = False,
+    demo: Annotated[
+        bool,
+        typer.Option("--demo", help="Begin with real sample elevations, in the folder firnline-desk-demo."),
+    ] = False,
+) -> None:
+    """Draw a survey on the map of its terrain, see the predicted error, and take the route along.
+
+    The page runs on this machine alone: it answers to 127.0.0.1, needs no network, and writes into the folder of
+    the terrain. The plan is stored there at every edit. Ctrl+C ends the server. Needs firnline[desk].
+
+    For example:
+
+      firnline desk srtm.tif
+
+      firnline desk --demo
+    """
+    from survey.core.errors import ConfigError, InputError
+
+    if demo and source is not None:
+        raise ConfigError(f"--demo brings its own terrain; leave out {source}.")
+    try:
+        from desk.server.serve import serve
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"the desk needs {error.name}, which is not installed; install firnline[desk]."
+        ) from error
+    serve(source, port=port, opens_browser=not no_browser, demo=demo)
