@@ -5,22 +5,8 @@ import sys
 
 import typer
 
-from firnline.cli import guide
-from firnline.cli import mapping as calibrate
-from firnline.cli import mapping as localize
-from firnline.cli import mapping as payload
-from firnline.cli import mapping as reconstruct
-from firnline.cli import missions as reproduce
-from firnline.cli import missions as run
-from firnline.cli import missions as studies
-from firnline.cli import planning as export
-from firnline.cli import planning as plan
-from firnline.cli import scoring as change
-from firnline.cli import scoring as score
-from firnline.cli import vehicles as rover
-from firnline.cli import vehicles as watch
+from firnline.cli import guide, mapping, missions, planning, scoring, vehicles
 from firnline.cli.outcome import run_guarded
-from firnline.cli.planning import desk
 from firnline.cli.request import help_of, options
 
 # Allocations between two searches for reference cycles; at Python's 700 they take a tenth of the time of a report.
@@ -38,29 +24,29 @@ app = typer.Typer(
 
 app.callback()(options)
 for command in (
-    run.init,
-    desk,
-    plan.plan,
-    rover.upload,
-    rover.download,
-    watch.watch,
-    rover.rover,
-    run.simulate,
-    calibrate.calibrate,
-    localize.localize,
-    reconstruct.reconstruct,
-    payload.payload,
-    score.score,
-    change.change,
-    change.track,
-    run.report,
-    run.run,
-    studies.montecarlo,
-    studies.rehearse,
-    studies.fit,
-    reproduce.reproduce,
-    export.export,
-    run.show,
+    missions.init,
+    planning.desk,
+    planning.plan,
+    vehicles.upload,
+    vehicles.download,
+    vehicles.watch,
+    vehicles.rover,
+    missions.simulate,
+    mapping.calibrate,
+    mapping.localize,
+    mapping.reconstruct,
+    mapping.payload,
+    scoring.score,
+    scoring.change,
+    scoring.track,
+    missions.report,
+    missions.run,
+    missions.montecarlo,
+    missions.rehearse,
+    missions.fit,
+    missions.reproduce,
+    planning.export,
+    missions.show,
     guide.doctor,
     guide.example,
     guide.schema,
