@@ -16,14 +16,9 @@ from firnline.actions.mapping import reconstruct
 from firnline.actions.requests import ReconstructRequest
 from firnline.actions.scoring import ScoreRequest, score
 from planners.guarantee.requirement import MapRequirement
-from survey.core.arrays import Progress
-from survey.core.errors import ConfigError, InputError
-from survey.core.files import replacing
-from survey.core.text import length_text, round_number
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Route
-from survey.data.surface_points import SurfacePoints
+from survey import ConfigError, Dem, InputError, Route, SurfacePoints, SurveyArea
+from survey.core import Progress, replacing, round_number
+from survey.core.text import length_text
 from survey.scoring import Checkpoints
 from survey.scoring.standards.assessment import CheckpointScore
 from survey.scoring.standards.map_classes import own_claim

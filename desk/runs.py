@@ -12,16 +12,12 @@ from desk.terrain.shading import DEVIATION, ELEVATION, ERROR, SUPPORT
 from desk.terrain.tiles import picture
 from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
+from survey import Dem, FirnlineError, InputError, Reconstruction, Route, Truth
+from survey.core import read_json, round_number, same_crs
 from survey.core.config import read_toml
-from survey.core.crs import same_crs
-from survey.core.documents import read_json
-from survey.core.errors import FirnlineError, InputError
 from survey.core.run_folder import RunFolder
-from survey.core.text import length_text, round_number
-from survey.data.dem import Dem
-from survey.data.route import Route
-from survey.data.truth import Truth
-from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES, Reconstruction
+from survey.core.text import length_text
+from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES
 
 _PATTERNS = ("*_mission/runs/*/*/manifest.json", "runs/*/*/manifest.json", "results/runs/*/*/manifest.json")
 _MOST_RUNS = 30

@@ -14,10 +14,8 @@ from desk.plan.history import SUFFIX, StoredHistory, read_history
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from firnline.actions.interface import own_crs
-from survey.core.errors import InputError
+from survey import Dem, InputError, SurveyArea
 from survey.core.map_scale import MapScale
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
 
 if TYPE_CHECKING:
     from desk.plan.live import LivePlanner
@@ -119,9 +117,8 @@ def _of_mission(source: Path, folder: Path) -> Workspace:
 
 def _of_run(source: Path, folder: Path) -> Workspace:
     from sim.mission.runs import read_mission
+    from survey import Dem, SurveyArea
     from survey.core.run_folder import RunFolder
-    from survey.data.area import SurveyArea
-    from survey.data.dem import Dem
 
     run = RunFolder.find(source)
     stage = run.verified("plan")

@@ -15,12 +15,9 @@ from typing import Any
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey import InputError, Recording
+from survey.core import BoolArray, FloatArray, existing_file, projected_crs
 from survey.core.transformation import WGS84, chosen_crs, transformed
-from survey.data.recording import Recording
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
 
 LEAST_FIX = 3

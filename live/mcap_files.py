@@ -20,16 +20,9 @@ from pyproj import CRS
 from live.watch.log import replayed_states
 from live.watch.survey_watch import SurveyWatch
 from sim.mission.fleet import drive_folders
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey import Grid, InputError, Reconstruction, Recording, Route, SurfacePoints, Trajectory
+from survey.core import FloatArray, replacing
 from survey.core.run_folder import RunFolder
-from survey.data.grid import Grid
-from survey.data.recording import Recording
-from survey.data.route import Route
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
-from survey.reconstruction.terrain_map import Reconstruction
 
 
 def _object(**properties: Any) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from live.link import ARDUPILOT, PX4
-from survey.core.errors import InputError
-from survey.data.route import Route
+from survey import InputError, Route
 from survey.interchange.missions import NAV_WAYPOINT, MissionItem, Surroundings, fence_polygons, mission_items
 
 MISSION, FENCE = 0, 1

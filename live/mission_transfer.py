@@ -29,11 +29,9 @@ from live.mission_items import (
     n_home_items,
     require_storable,
 )
-from survey.core.arrays import FloatArray, Progress
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
+from survey import InputError, Leg, Route
+from survey.core import FloatArray, Progress, projected_crs
 from survey.core.transformation import WGS84, chosen_crs, transformed
-from survey.data.route import Leg, Route
 
 _MISSION_RESEND_S = 0.3
 _FIRST_WAIT_S, _LEAST_WAIT_S, _MOST_WAIT_S = 0.3, 0.1, 1.5

@@ -39,11 +39,9 @@ from mavsdk.plugins.telemetry_server.telemetry_server import (
 from pyproj import CRS
 
 from live.mission_items import EXCLUSION_POLYGON, FENCE, INCLUSION_POLYGON, MISSION, LinkItem
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey import Dem, InputError
+from survey.core import FloatArray, stream
 from survey.core.transformation import WGS84, chosen_crs, transformed
-from survey.data.dem import Dem
 
 _STEP_M = 0.5
 

@@ -14,9 +14,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol, cast
 
-from survey.core.arrays import Progress
-from survey.core.documents import RECORD, read_json, read_record, write_record
-from survey.core.errors import InputError
+from survey.core import InputError, Progress, read_json
+from survey.core.documents import RECORD, read_record, write_record
 from survey.core.files import write_refusal
 from survey.core.replacement import exchange, lock_folder, refuse_foreign
 

@@ -19,10 +19,9 @@ from pydantic import (
     model_validator,
 )
 
+from survey import Dem, SurveyArea
 from survey.core.config import Section
 from survey.core.map_scale import NOTABLE, MapScale
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
 
 Corner = Literal["south-west", "south-east", "north-west", "north-east"]
 HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]

@@ -21,13 +21,10 @@ from planners.registry import PLANNERS, PlannerConfig, planner_of
 from planners.routes.fleet import departures
 from planners.routes.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots, predicted
 from planners.routes.traversability import Drivable, drivable
+from survey import ConfigError, Dem, InputError, Route, SurveyArea
 from survey.core.arguments import check_types
 from survey.core.arrays import BoolArray, FloatArray, Progress
-from survey.core.errors import ConfigError, InputError
 from survey.core.map_scale import MapScale
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Route
 from survey.reconstruction.gp.kernels import Kernel
 
 logger = logging.getLogger(__name__)

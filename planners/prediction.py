@@ -15,12 +15,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from planners.capacity import require_cells, require_error_nodes, require_samples
+from survey import ConfigError, Dem, Grid, InputError, Route, SurveyArea
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.kernels import Kernel

@@ -15,8 +15,7 @@ from planners.patterns.random_wander import RANDOM_WANDER
 from planners.patterns.variance_driven import VARIANCE_DRIVEN
 from planners.patterns.wavy import WAVY
 from planners.steering import Steering
-from survey.core.config import Section, validated
-from survey.core.errors import ConfigError
+from survey.core import ConfigError, Section, validated
 
 PLANNERS: tuple[Planner, ...] = (
     LAWNMOWER,

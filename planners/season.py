@@ -36,11 +36,8 @@ from planners.patterns.wavy import WavyConfig
 from planners.planning import planned_on
 from planners.prediction import places
 from planners.routes.traversability import drivable
+from survey import ConfigError, Dem, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Route
 
 Unit = Literal["m w.e.", "%"]
 

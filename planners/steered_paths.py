@@ -17,10 +17,8 @@ import shapely
 from planners.capacity import require_waypoints
 from planners.routes.rover import Mobility, predicted
 from planners.steering import Attitude, AttitudeSensor, Steering, SteeringState
+from survey import InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.route import Leg, Route
 
 
 @dataclass(frozen=True)

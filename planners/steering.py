@@ -14,9 +14,8 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from planners.config import SwathConfig
+from survey import Dem, InputError
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.data.dem import Dem
 
 
 class SteeredConfig(SwathConfig):

@@ -19,10 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from survey.core.arrays import BoolArray, FloatArray, Progress
-from survey.core.errors import ConfigError, InputError
-from survey.core.files import first_line, replacing
-from survey.data.camera import Camera
+from survey import Camera, ConfigError, InputError
+from survey.core import BoolArray, FloatArray, Progress, first_line, replacing
 from survey.data.frames import Image
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, styled
 from vision_slam.odometry.tracks import grey_of

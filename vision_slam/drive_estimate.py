@@ -8,11 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from survey import Recording, SurfacePoints, Trajectory
 from survey.core.arrays import BoolArray, DataObject, FloatArray
 from survey.data.ice_motion import IceMotion
-from survey.data.recording import Recording
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
 from survey.reconstruction.motion.epoch import in_fixed_frame
 from vision_slam.attitude import quaternions, rotations
 from vision_slam.config import LocalizationConfig

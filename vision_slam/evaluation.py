@@ -13,10 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.special import gammaincinv
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
-from survey.data.trajectory import Trajectory
+from survey import InputError, Trajectory
+from survey.core import BoolArray, FloatArray, IntArray, same_crs
 
 if TYPE_CHECKING:
     from vision_slam.drive_estimate import DriveEstimate

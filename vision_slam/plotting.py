@@ -5,9 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from survey import Camera, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.camera import Camera
 from survey.data.frames import Frames, Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
 from vision_slam.attitude import initial_pose

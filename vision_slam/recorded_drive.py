@@ -8,13 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, Progress
-from survey.core.config import validated, with_overrides
-from survey.core.errors import ConfigError, InputError
+from survey import ConfigError, InputError, Recording, Trajectory
+from survey.core import FloatArray, Progress, validated, with_overrides
 from survey.data.ice_motion import IceMotion
-from survey.data.recording import Recording
 from survey.data.sensors.records import GpsFixes
-from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig, VisualOdometryConfig
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.evaluation import Comparison, compare_aligned, compare_from_start, compare_in_crs

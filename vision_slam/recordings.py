@@ -12,11 +12,9 @@ from pathlib import Path
 import numpy as np
 from pyproj import CRS
 
+from survey import Camera, ConfigError, InputError, Recording
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Camera
 from survey.data.frames import ImageFiles
-from survey.data.recording import Recording
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import read_calibration

@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
-from survey.core.files import replacing
+from survey.core import ConfigError, FloatArray, replacing
 from survey.data.ice_motion import ICE_MOTION, write_motion
 from survey.data.sensors.records import GpsFixes
 from survey.figures.paths import error_over_distance, path_map

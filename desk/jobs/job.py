@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from threading import Condition, Thread
 from typing import Any
 
-from survey.core.errors import CapacityError, FirnlineError, InputError
-from survey.core.text import printable
+from survey.core import CapacityError, FirnlineError, InputError, printable
 
 Event = dict[str, Any]
 _MOST_JOBS = 40

@@ -17,17 +17,19 @@ from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission
 from sim.world.site import SharedWorld
+from survey import (
+    GaussianProcessConfig,
+    Grid,
+    Route,
+    SurfacePoints,
+    SurveyArea,
+    Trajectory,
+    Truth,
+    reconstruct,
+)
 from survey.core.arrays import IntArray
 from survey.core.run_folder import STAGES, RunFolder
-from survey.data.area import SurveyArea
-from survey.data.grid import Grid
-from survey.data.route import Route
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
-from survey.data.truth import Truth
-from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.kernels import Kernel
-from survey.reconstruction.mapping import reconstruct
 
 _MOST_PLACES = 1500
 

@@ -8,8 +8,7 @@ from pydantic import Field, model_validator
 from pyproj import CRS
 from shapely import Polygon
 
-from survey.core.config import Section
-from survey.core.errors import InputError
+from survey.core import InputError, Section
 from survey.data.area import SurveyArea, unite
 
 MOST_VERTICES = 20_000

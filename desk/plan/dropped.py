@@ -10,11 +10,8 @@ from pyproj import CRS
 from desk.plan.document import PlanDocument
 from desk.terrain.shading import ELEVATION
 from desk.terrain.tiles import picture
+from survey import Dem, InputError, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.surface_points import SurfacePoints
 from survey.io.vector import geometry_types
 
 _OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")

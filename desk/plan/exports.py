@@ -21,14 +21,9 @@ from firnline.actions.exporting import knows_heights, write_route
 from firnline.actions.interface import read_about
 from firnline.actions.plan_request import write_plan as write_outputs
 from sim.config.mission import MissionConfig
-from survey.core.arrays import FloatArray
-from survey.core.config import validated
-from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey import Dem, InputError, Route, SurveyArea
+from survey.core import FloatArray, replacing, validated
 from survey.core.transformation import WGS84, transformed
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Route
 from survey.interchange.missions import Surroundings
 from survey.io.vector import require_transformation, write_features
 

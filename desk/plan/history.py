@@ -7,9 +7,8 @@ from typing import Annotated, Any, Self
 from pydantic import Field
 
 from desk.plan.document import PlanDocument
-from survey.core.config import Section, refuse_newer_schema, validated
-from survey.core.documents import read_json, write_json
-from survey.core.errors import ConfigError, FirnlineError
+from survey.core import ConfigError, FirnlineError, Section, read_json, validated, write_json
+from survey.core.config import refuse_newer_schema
 
 SCHEMA_VERSION = 1
 MOST_STEPS = 200

@@ -14,10 +14,8 @@ from desk.plan.request import request_of
 from firnline.actions.interface import read_about
 from firnline.actions.planning import AreaPlan, area_plan, checked_options, prior_kernel
 from planners.routes.rover import Crew, homes_of
+from survey import Dem, InputError, SurveyArea
 from survey.core.arrays import Bounds
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
 from survey.reconstruction.gp.kernels import Kernel
 
 _MOST = 24

@@ -17,11 +17,9 @@ from firnline.actions.planning import AreaPlan
 from planners.prediction import predict_error
 from planners.routes.rover import Rover, energy_per_metre
 from planners.swaths.reference_lines import swaths_text
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey import Dem, Route
+from survey.core import BoolArray, FloatArray, IntArray, round_number
 from survey.core.map_scale import ground_lengths_m
-from survey.core.text import round_number
-from survey.data.dem import Dem
-from survey.data.route import Route
 
 
 def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str) -> dict[str, Any]:

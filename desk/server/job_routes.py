@@ -16,10 +16,7 @@ from desk.jobs.job import Event, Job
 from desk.plan.document import PlanDocument
 from desk.server.replies import body_of, report_file
 from desk.workspace import Workspace
-from survey.core.arrays import FloatArray
-from survey.core.config import Section, validated
-from survey.core.errors import ConfigError, InputError
-from survey.core.streams import stream
+from survey.core import ConfigError, FloatArray, InputError, Section, stream, validated
 
 Work = Callable[[Job], dict[str, Any]]
 
@@ -72,8 +69,7 @@ def _next(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, A
     from desk.measured import SIGMA_M, proposed_swath
     from desk.plan.request import requirement_request
     from firnline.actions.guaranteeing import requirement_of
-    from survey.data.route import Route
-    from survey.data.surface_points import SurfacePoints
+    from survey import Route, SurfacePoints
 
     points, driven = workspace.measured_file("points"), workspace.measured_file("driven")
     if points is None:

@@ -12,8 +12,7 @@ from desk.terrain.pyramid import heights_at
 from desk.terrain.shading import ELEVATION, LARGEST_SLOPE_DEG, SLOPE, TerrainStyle, legend_colours
 from desk.terrain.tiles import LAYERS, contour_lines
 from desk.workspace import Workspace
-from survey.core.arrays import Bounds
-from survey.core.errors import ConfigError
+from survey.core import Bounds, ConfigError
 from survey.core.run_folder import RunFolder
 
 _MOST_PLACES = 2000

@@ -10,8 +10,7 @@ from desk.plan.document import PlanDocument
 from desk.plan.history import OutdatedError, StoredHistory, Variant
 from desk.server.replies import body_of
 from desk.workspace import Workspace
-from survey.core.config import Section, validated
-from survey.core.errors import ConfigError, FirnlineError
+from survey.core import ConfigError, FirnlineError, Section, validated
 
 if TYPE_CHECKING:
     from desk.plan.live import LivePlan

@@ -10,8 +10,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from desk.plan.history import OutdatedError
-from survey.core.errors import CapacityError, ConfigError, FirnlineError
-from survey.core.text import printable
+from survey.core import CapacityError, ConfigError, FirnlineError, printable
 
 _REPORT_POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'; sandbox"
 _REPORT_TYPES = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}

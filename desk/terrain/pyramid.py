@@ -10,9 +10,7 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
+from survey.core import Bounds, FloatArray, InputError, projected_crs
 from survey.io.raster import read_window
 from survey.io.raster.opening import check_band, check_transform, open_dataset
 

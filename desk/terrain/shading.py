@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from desk.terrain.pyramid import ElevationPyramid
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.errors import ConfigError
-from survey.core.text import round_number
+from survey.core import Bounds, ConfigError, FloatArray, round_number
 
 Table = npt.NDArray[np.uint8]
 

@@ -12,8 +12,7 @@ from PIL import Image
 
 from desk.terrain.pyramid import ElevationPyramid, Overview
 from desk.terrain.shading import Table, TerrainStyle, colour_of, legend_colours
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.text import round_number
+from survey.core import Bounds, FloatArray, round_number
 from survey.data.dem import Dem
 
 TILE_CELLS = 256

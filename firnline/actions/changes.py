@@ -302,8 +302,7 @@ def _models_compared(
 ) -> tuple["Change", dict[str, Any]]:
     import shapely
 
-    from survey import Grid
-    from survey.core.errors import InputError
+    from survey import Grid, InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.change.difference import change_of_models
     from survey.scoring.change.files import read_outlines

@@ -134,9 +134,8 @@ class LocalizeRequest:
         """
         from sim.config.world import IceAssumptions
         from sim.world.moving_ice import assumed_motion
+        from survey import InputError, Recording
         from survey.core.config import validated, with_overrides
-        from survey.core.errors import InputError
-        from survey.data.recording import Recording
 
         stated = [one for one in self.settings if one.startswith(_ICE)]
         if self.epoch_s is None:

@@ -25,9 +25,7 @@ from firnline.actions.interface import (
 )
 from firnline.actions.mapping_request import MapRequest, map_request
 from firnline.actions.requests import PayloadRequest, ReconstructRequest
-from survey.core.crs import projected_crs
-from survey.core.documents import read_json
-from survey.core.errors import ConfigError, InputError
+from survey.core import ConfigError, InputError, projected_crs, read_json
 from survey.core.replacement import replacing_folder
 from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
 from survey.data.sensors.odometry import DriveTies

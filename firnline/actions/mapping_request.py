@@ -7,8 +7,7 @@ from pyproj import CRS
 
 import survey
 from firnline.actions.requests import ReconstructRequest
-from survey.core.config import Section, validated, with_overrides
-from survey.core.errors import InputError
+from survey.core import InputError, Section, validated, with_overrides
 from survey.data.ice_motion import ICE_MOTION
 from survey.interchange.scans import holds_sensor_scans
 from survey.io.column_names import parse_columns

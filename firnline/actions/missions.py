@@ -27,12 +27,11 @@ from sim.mission.runs import mission_template, open_run, planned_place, read_mis
 from sim.mission.stages import StageContext, run_mission
 from sim.montecarlo.config import read_study
 from sim.world.site import SharedWorld
+from survey import ConfigError, Dem, InputError
 from survey.core.documents import cut_incomplete_line, log_line, read_json, read_log, read_record
-from survey.core.errors import ConfigError, InputError
 from survey.core.files import replacing
 from survey.core.replacement import resolved
 from survey.core.run_folder import STAGES, RunFolder
-from survey.data.dem import Dem
 
 Watch = Callable[[Mapping[str, float]], StageContext]
 """Called with the seconds that stages took before; returns the context in which each stage runs."""

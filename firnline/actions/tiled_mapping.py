@@ -20,11 +20,8 @@ from firnline.actions.interface import (
     read_about,
 )
 from firnline.actions.requests import ReconstructRequest
-from survey.core.config import Section, validated, with_overrides
-from survey.core.crs import same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import InputError, Section, existing_file, same_vertical_datum, validated, with_overrides
 from survey.core.executors import open_workers
-from survey.core.files import existing_file
 from survey.reconstruction.tiled.global_parameters import coarse_nodes
 from survey.reconstruction.tiled.job import Control, TiledConfig, TiledJob, disk_bytes, fingerprint, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles as make_map

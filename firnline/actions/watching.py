@@ -273,8 +273,7 @@ def _watch(request: WatchRequest) -> "SurveyWatch":
     """Return the watch of a survey before its first sample."""
     from live.watch.survey_watch import SurveyWatch
     from planners.guarantee.adaptive import AdaptiveConfig
-    from survey import SurveyArea
-    from survey.core.errors import ConfigError
+    from survey import ConfigError, SurveyArea
 
     if request.source is None or request.area is None or request.route is None:
         raise ConfigError(

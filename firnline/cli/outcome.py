@@ -76,8 +76,7 @@ def _end(error: BaseException, *, has_verbose: bool = False) -> NoReturn:
     if isinstance(error, BrokenPipeError):
         _discard_output()
         raise typer.Exit(OUTPUT_CLOSED) from error
-    from survey.core.errors import FirnlineError
-    from survey.core.text import printable
+    from survey.core import FirnlineError, printable
 
     if isinstance(error, FirnlineError):
         _leave(printable(str(error)), error.exit_code, error)

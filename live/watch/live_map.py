@@ -30,11 +30,10 @@ from numpy.polynomial import chebyshev
 from scipy import sparse
 from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
+from survey import GaussianProcessConfig, Grid, SurfacePoints
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.grid import Grid
 from survey.data.path_error import POSE, PathError
-from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.normal_equations import JointEquations, JointPosterior, JointSystem, waves_at

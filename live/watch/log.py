@@ -16,9 +16,7 @@ import shapely
 from live.watch.samples import Sample
 from live.watch.survey_watch import Event, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.route import Leg
+from survey import InputError, Leg, SurveyArea
 
 VERSION = 1
 

@@ -20,13 +20,12 @@ import numpy as np
 from pyproj import CRS
 
 from live.link import Vehicle
+from survey import InputError, Recording, SurfacePoints
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs import equal_crs
-from survey.core.errors import InputError
 from survey.core.transformation import WGS84, transformed
-from survey.data.recording import Recording, table_file
+from survey.data.recording import table_file
 from survey.data.sensors.records import GpsFixes
-from survey.data.surface_points import SurfacePoints
 from vision_slam.readers.gps_files import read_gps
 
 # Two samples contradict one another where no rover drives so fast, or no ground is so steep.

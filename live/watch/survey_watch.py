@@ -18,11 +18,8 @@ from planners.config import settings_factor
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveState
 from planners.guarantee.error_distribution import MapPrediction
 from planners.guarantee.requirement import reachable_class
+from survey import Grid, InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.grid import Grid
-from survey.data.route import Leg, Route
 from survey.reconstruction.gp.kernels import Kernel
 
 _STUCK_S, _STUCK_M = 90.0, 1.5

@@ -19,8 +19,7 @@ from numba import njit
 
 from papers.carving.world import N_TRAIN, TERRAINS, ScanTrial
 from papers.outputs import write_csv, write_figure
-from survey.core.arrays import FloatArray, IntArray, Progress
-from survey.core.streams import stream
+from survey.core import FloatArray, IntArray, Progress, stream
 from survey.data.surface_points import SurfacePoints
 from survey.figures.style import ESTIMATE, FULL_IN, PRIOR, ROVERS, styled
 from survey.reconstruction.carving.config import SpaceCarvingConfig

@@ -14,8 +14,7 @@ from papers.carving.world import CRS, HALF_M, N_TRAIN, NOISE_M, SENSOR_HEIGHT_M,
 from papers.emap.world import RasterHeights
 from papers.outputs import write_csv, write_figure
 from survey import Grid, SurfacePoints
-from survey.core.arrays import FloatArray, Progress
-from survey.core.streams import stream
+from survey.core import FloatArray, Progress, stream
 from survey.figures.style import (
     CLAIM,
     DENSITY,

@@ -11,9 +11,7 @@ import numpy as np
 
 from papers.emap.world import RasterHeights
 from survey import Grid, SurfacePoints
-from survey.core.arrays import FloatArray
-from survey.core.crs import projected_crs
-from survey.core.streams import stream
+from survey.core import FloatArray, projected_crs, stream
 from survey.data.sensors.lidar import Scanner
 from survey.reconstruction.nodes import bilinear
 from survey.terrain.random_fields import fractional_brownian, squared_exponential_field

@@ -11,9 +11,7 @@ from numba import njit
 from scipy.special import erf
 
 from survey import InputError, SurfacePoints
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs import projected_crs
-from survey.core.streams import stream
+from survey.core import BoolArray, FloatArray, projected_crs, stream
 
 N_COLUMNS, N_BEAMS = 512, 64
 HALF_VIEW_DEG = 22.5

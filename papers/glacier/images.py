@@ -27,9 +27,7 @@ from sim.config.world import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.rendering import Renderer
 from sim.simulate.assembly import rover_camera
 from sim.world.fine_terrain import fine_terrain
-from survey.core.arrays import FloatArray, Progress
-from survey.core.files import replacing
-from survey.core.streams import stream
+from survey.core import FloatArray, Progress, replacing, stream
 from survey.data.frames import Image, read_image
 from survey.data.grid import Grid
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled

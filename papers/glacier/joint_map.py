@@ -22,9 +22,7 @@ from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.world import RandomTerrain
 from sim.simulate.simulation import simulate_statistical
 from survey import Dem, Grid, SurveyArea, Trajectory
-from survey.core.arrays import FloatArray, Progress
-from survey.core.crs import projected_crs
-from survey.core.streams import stream
+from survey.core import FloatArray, Progress, projected_crs, stream
 from survey.data.sensors.odometry import Sightings
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.gp.config import JointConfig

@@ -29,9 +29,7 @@ from sim.montecarlo.results import (
 )
 from sim.montecarlo.study import run_study
 from survey import Leg, Route, SurveyArea
-from survey.core.arrays import FloatArray, Progress
-from survey.core.files import replacing
-from survey.core.streams import stream
+from survey.core import FloatArray, Progress, replacing, stream
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled
 from survey.scoring import Coverage
 

@@ -29,9 +29,7 @@ from sim.montecarlo.results import SummaryRow, write_rows
 from sim.simulate.simulation import simulate_statistical
 from sim.world.site import World, build_world
 from survey import SurfacePoints, Truth
-from survey.core.arrays import FloatArray, Progress
-from survey.core.config import validated
-from survey.core.documents import read_json
+from survey.core import FloatArray, Progress, read_json, validated
 from survey.core.run_folder import RunFolder
 from survey.figures.errors import height_error
 from survey.figures.layout import MapFigure, add_colour_bar, grouped, map_figure

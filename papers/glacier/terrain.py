@@ -29,9 +29,7 @@ from sim.simulate.steering import add_attitude_errors
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey import Leg, Route, SurfacePoints
-from survey.core.arrays import FloatArray, Progress
-from survey.core.files import replacing
-from survey.core.streams import stream
+from survey.core import FloatArray, Progress, replacing, stream
 from survey.figures.layout import add_colour_bar, map_figure
 from survey.figures.map_layers import (
     draw_area,

@@ -33,10 +33,8 @@ from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_line
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
+from survey import InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.route import Leg, Route
 
 MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""

@@ -35,10 +35,8 @@ from planners.patterns.wavy import LinePattern, WavyConfig
 from planners.planning import planned_on, require_cover
 from planners.prediction import places
 from planners.routes.traversability import Drivable, drivable
+from survey import Dem, Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Route
 
 STAKED_M = 0.02
 """Shared error that is left after two stakes, each measured to 3 cm [m]."""

@@ -22,12 +22,8 @@ from scipy.stats import beta
 from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction import places, spread_places
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.route import Route
+from survey import Dem, Grid, Route, SurveyArea
+from survey.core import FloatArray, stream
 from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, map_surveys
 from survey.reconstruction.gp.kernels import SquaredExponential, Stationary
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, kernel_field

@@ -20,10 +20,8 @@ from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import clip_lines
 from planners.swaths.heading import across_marked_grain
 from planners.swaths.reference_lines import axes_of, shortened
+from survey import Dem, Route, SurveyArea
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Route
 
 _INSET_SHARE = 0.25
 

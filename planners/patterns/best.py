@@ -20,10 +20,8 @@ from planners.patterns.wavy import WAVY, LinePattern, WavyConfig
 from planners.prediction import ErrorModel
 from planners.routes.rover import Crew
 from planners.swaths.reference_lines import narrowest_heading
+from survey import InputError, Route, SurveyArea
 from survey.core.arrays import Progress
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.route import Route
 
 
 class BestConfig(PatternConfig):

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from planners.config import PatternConfig
 from planners.routes.rover import Crew
 from planners.steering import Steering
+from survey import InputError, Route, SurveyArea
 from survey.core.arrays import Progress
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.route import Route
 
 if TYPE_CHECKING:
     # A configuration is imported without the packages that predict errors.

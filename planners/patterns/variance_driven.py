@@ -17,10 +17,8 @@ from planners.config import Corner, PatternConfig
 from planners.patterns.planner import LayoutTask, Planner, always
 from planners.prediction import ErrorModel
 from planners.swaths.reference_lines import towards
+from survey import InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.route import Leg, Route
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 
 

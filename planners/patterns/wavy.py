@@ -18,10 +18,8 @@ from planners.config import SwathConfig
 from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner
 from planners.swaths.reference_lines import Swath
+from survey import ConfigError, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
-from survey.data.area import SurveyArea
-from survey.data.route import Route
 
 
 class WavyConfig(SwathConfig):

@@ -16,10 +16,8 @@ from planners.capacity import require_waypoints
 from planners.routes.rover import Mobility, Turning, effort
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import Tours
+from survey import ConfigError, Dem, InputError, Leg
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.dem import Dem
-from survey.data.route import Leg
 
 
 class FleetRows:

@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 
 from planners.capacity import MOST_LINES
 from planners.routes.shortest_paths import Network, search
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import CapacityError
+from survey.core import CapacityError, FloatArray, IntArray
 
 
 def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:

@@ -12,11 +12,8 @@ import numpy as np
 from planners.routes.fleet import share
 from planners.routes.rover import Rover
 from planners.routes.shortest_paths import FreeGround
+from survey import ConfigError, Dem, InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Leg, Route
 
 _SHORTEST_M = 1.0
 """Pieces of swaths shorter than this are not driven again [m]."""

@@ -20,13 +20,9 @@ from pyproj import CRS
 
 from planners.capacity import require_rovers
 from planners.config import dem_in_grid_metres, in_grid_metres
-from survey.core.arrays import FloatArray
-from survey.core.config import Section
-from survey.core.errors import InputError
+from survey import Dem, InputError, Leg, SurveyArea
+from survey.core import FloatArray, Section
 from survey.core.map_scale import ground_lengths_m
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.route import Leg
 
 _GRAVITY_M_S2 = 9.81
 _TURN_RAD = np.radians(30.0)

@@ -17,8 +17,7 @@ import shapely
 from numba import njit
 from shapely import LineString, MultiPolygon, Point, Polygon
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, IntArray
 
 PointXY = tuple[float, float]
 

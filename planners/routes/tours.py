@@ -24,10 +24,8 @@ from planners.routes.local_search import (
 from planners.routes.rover import Turning
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.turns import Pose, Turns, turn_length_m
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import FirnlineError, InputError
-from survey.core.streams import stream
-from survey.data.route import Leg
+from survey import FirnlineError, InputError, Leg
+from survey.core import FloatArray, IntArray, stream
 
 _KICKS_PER_SWATH, _MOST_KICKS, _KICKS_PER_SHARE = 25, 5_000, 200
 # Swath ends nearer to one another than so many turning radii are charged with the length of their turn: beyond, a turn is

@@ -18,10 +18,8 @@ from planners.capacity import require_cells
 from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
 from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
+from survey import Dem, InputError, SurveyArea
 from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
 
 
 def roughness(dem: Dem) -> FloatArray:

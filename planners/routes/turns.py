@@ -16,8 +16,7 @@ from shapely import LineString
 
 from planners.routes.rover import Turning, turning_room_m
 from planners.routes.shortest_paths import FreeGround
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
+from survey.core import ConfigError, FloatArray, InputError
 
 Pose = tuple[float, float, float]
 Word = tuple[tuple[int, float], ...]

@@ -15,8 +15,7 @@ from planners.capacity import require_lines
 from planners.routes.local_search import ends_of
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.reference_lines import axes_of
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import ConfigError, InputError
+from survey.core import ConfigError, FloatArray, InputError, IntArray
 
 _SHORTEST_M = 0.01
 """Clipping leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""

@@ -21,9 +21,8 @@ from planners.routes.turns import headland_m
 from planners.swaths.decomposition import clip_lines, swaths_on
 from planners.swaths.heading import heading_by
 from planners.swaths.reference_lines import ReferenceLines, Swath, reference_lines, shortened
+from survey import Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
-from survey.data.area import SurveyArea
-from survey.data.route import Leg, Route
 
 SwathShape = Callable[[list[FloatArray], float], list[Swath]]
 """Returns what is driven along axes, each (2, 2) [m], that are a spacing [m] apart."""

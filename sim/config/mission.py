@@ -24,8 +24,7 @@ from sim.config.world import (
     SceneryConfig,
     TerrainConfig,
 )
-from survey.core.config import Section
-from survey.core.streams import stream
+from survey.core import Section, stream
 from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
 

@@ -21,8 +21,7 @@ from sim.config.sensors import (
 )
 from sim.instruments.sensor import Clock, GaussMarkov, RandomWalkNoise, StatisticalDrive, gauss_markov
 from sim.vehicle.motion import GRAVITY_M_S2, RoverMotion
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 from survey.data.sensors.records import Barometer, Compass, Inertial, Wheels
 from vision_slam.attitude import rotations
 

@@ -16,8 +16,7 @@ from sim.config.sensors import WeatherConfig
 from sim.instruments.sensor import Clock
 from sim.vehicle.motion import RoverMotion
 from survey import Dem, Truth
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 from survey.data.sensors.payload import PayloadLog
 from survey.data.sensors.records import Weather
 

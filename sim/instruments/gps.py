@@ -21,8 +21,7 @@ from sim.instruments.sensor import (
     without_carried,
 )
 from sim.vehicle.motion import RoverMotion
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 from survey.data.sensors.records import GpsFixes
 
 

@@ -17,8 +17,7 @@ from sim.config.sensors import LidarConfig
 from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import exact_drive
 from survey import Dem, Trajectory
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner, minute_of, n_minutes
 
 _FLAT = 1e-12

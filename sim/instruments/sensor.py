@@ -17,8 +17,7 @@ from sim.config.sensors import FaultConfig, InstrumentConfig, InstrumentsConfig
 from sim.vehicle.motion import RoverMotion
 from sim.world.moving_ice import MovingIce
 from survey import Dem, Route, Trajectory
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 
 
 class Moments(NamedTuple):

@@ -13,8 +13,7 @@ from sim.instruments.sensor import StatisticalDrive, gauss_markov
 from sim.vehicle.motion import RoverMotion
 from sim.world.moving_ice import MovingIce
 from survey import Dem, Route, Trajectory
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.streams import stream
+from survey.core import BoolArray, FloatArray, IntArray, stream
 from survey.data.landmarks import STRETCH_M, far_share
 from survey.data.sensors.odometry import LoopClosures, Odometry, Sightings
 from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys

@@ -16,8 +16,7 @@ from sim.config.mission import MissionConfig
 from sim.config.sensors import FaultConfig, faults_of
 from sim.simulate.simulated_drive import DRIVE_FILE, Ending
 from sim.world.site import World
-from survey.core.documents import write_json
-from survey.core.streams import stream
+from survey.core import stream, write_json
 
 _EARLIEST, _LATEST = 0.1, 0.9
 

@@ -25,12 +25,9 @@ from sim.mission.runs import current_versions, open_run, planned_place, refuse_o
 from sim.mission.stages import run_mission
 from sim.simulate.simulated_drive import Ending
 from survey import FirnlineError, Route
-from survey.core.config import validated, with_overrides
-from survey.core.documents import read_json, write_json
+from survey.core import read_json, replacing, stream, validated, with_overrides, write_json
 from survey.core.executors import Engine, run_all
-from survey.core.files import replacing
 from survey.core.run_folder import RunFolder
-from survey.core.streams import stream
 from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, png_bytes, styled
 
 CAUSES = {

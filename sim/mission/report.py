@@ -16,8 +16,7 @@ from sim.mission.fleet import LOSS_FILE, drive_folders, n_ties
 from sim.mission.localization import LANDMARKS, SCAN_POINTS, mapped_points
 from sim.simulate.simulated_drive import DRIVE_FILE, animate_frames
 from survey import Recording, Truth
-from survey.core.arrays import FloatArray
-from survey.core.documents import read_json
+from survey.core import FloatArray, read_json
 from survey.core.run_folder import RunFolder
 from survey.data.sensors.payload import Quantity
 from survey.io.tables import read_table

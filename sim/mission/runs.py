@@ -26,14 +26,12 @@ from sim.config.mission import SCHEMA_VERSION, AreaConfig, MissionConfig
 from sim.config.world import DemTerrain, RandomTerrain
 from sim.mission.capacity import require_mission
 from sim.world.site import SharedWorld
+from survey.core import InputError, existing_file, printable, validated, with_overrides
 from survey.core.arguments import check_types
-from survey.core.config import read_toml, refuse_newer_schema, validated, with_overrides
+from survey.core.config import read_toml, refuse_newer_schema
 from survey.core.documents import file_sha256
-from survey.core.errors import InputError
-from survey.core.files import existing_file
 from survey.core.replacement import refuse_unwritable, resolved
 from survey.core.run_folder import RunFolder
-from survey.core.text import printable
 from survey.io.dataset_files import companion_files
 
 

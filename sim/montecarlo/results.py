@@ -22,10 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim.montecarlo.config import StudyConfig, Trial, TrialBlock, as_columns
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import existing_file, first_line, replacing
-from survey.core.streams import stream
+from survey.core import FloatArray, InputError, existing_file, first_line, replacing, stream
 from survey.core.text import csv_cell
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
 from survey.io.arrays_file import checksum

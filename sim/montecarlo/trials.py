@@ -34,8 +34,7 @@ from sim.simulate.simulation import mission_of_drive, simulate_statistical
 from sim.simulate.steering import add_attitude_errors
 from sim.world.site import erroneous_copy
 from survey import Dem, Grid, InputError, Route, SurveyArea
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, map_surveys
 from survey.reconstruction.policy import map_landmarks

@@ -22,9 +22,8 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from survey import Camera, InputError
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray, stream
 from survey.core.executors import FAILED_TO_START, UNGUARDED, settle_worker
-from survey.core.streams import stream
 from survey.data.recording import Readings
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import Inertial

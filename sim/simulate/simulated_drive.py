@@ -20,9 +20,7 @@ from sim.vehicle.pursuit import PurePursuit
 from sim.world.fine_terrain import FineTerrain
 from sim.world.hazards import Hazard
 from survey import InputError, Recording, Truth
-from survey.core.arrays import FloatArray
-from survey.core.documents import write_json
-from survey.core.files import replacing
+from survey.core import FloatArray, replacing, write_json
 from survey.data.frames import Frames, Image
 from survey.interchange.tum_euroc import write_tum_list
 from survey.io.tables import write_table

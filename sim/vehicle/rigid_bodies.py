@@ -21,8 +21,7 @@ from numba import njit
 from planners import Rover
 from sim.config.rover import PhysicsConfig
 from sim.vehicle.motion import GRAVITY_M_S2, HeightField, RoverState, Tracks, Vector, origin_of
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
+from survey.core import ConfigError, FloatArray
 
 N_WHEELS = 3
 WHEEL_MASS_SHARE = 0.02

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from sim.config.world import AppearanceConfig
 from sim.world.fine_terrain import band_limited_field
 from sim.world.hazards import FloatGrid
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 
 SURFACE_TEXEL_M = 0.01
 SURFACE_TEXELS = 2048

@@ -21,8 +21,7 @@ from sim.config.world import SceneryConfig
 from sim.world import hazards
 from sim.world.hazards import FloatGrid, Ground, Hazard
 from survey import Dem, InputError
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 
 ByteGrid = npt.NDArray[np.uint8]
 

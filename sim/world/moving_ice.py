@@ -26,8 +26,7 @@ from sim.config.mission import MissionConfig
 from sim.config.world import IceAssumptions, IceConfig
 from sim.world.site import World
 from survey import ConfigError, Dem, InputError, Leg, Recording, Route, Trajectory, Truth
-from survey.core.arrays import FloatArray
-from survey.core.crs import same_crs
+from survey.core import FloatArray, same_crs
 from survey.data.ice_motion import IceMotion
 from survey.reconstruction.motion.epoch import route_on_ice
 from survey.reconstruction.motion.priors import VelocityRasters, motion_from_rasters

@@ -18,9 +18,7 @@ from sim.config.mission import MissionConfig
 from sim.config.world import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
 from survey import Dem, Grid, InputError, SurveyArea
 from survey import terrain as landforms
-from survey.core.arrays import DataObject, FloatArray
-from survey.core.crs import projected_crs, same_vertical_datum
-from survey.core.streams import stream
+from survey.core import DataObject, FloatArray, projected_crs, same_vertical_datum, stream
 from survey.core.transformation import is_geographic
 from survey.io.raster import Raster, raster_header, reproject
 from survey.terrain.real import sample_site

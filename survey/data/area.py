@@ -16,17 +16,17 @@ from pyproj import CRS
 from shapely import MultiPolygon, Point, Polygon
 from shapely.validation import explain_validity
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray, checked, frozen
-from survey.core.crs import (
-    is_local,
-    known_crs,
+from survey.core import (
+    BoolArray,
+    DataObject,
+    FloatArray,
+    InputError,
+    checked,
+    frozen,
     projected_crs,
-    refuse_degrees,
-    refuse_exchanged,
-    refuse_far,
     same_crs,
 )
-from survey.core.errors import InputError
+from survey.core.crs import is_local, known_crs, refuse_degrees, refuse_exchanged, refuse_far
 from survey.core.map_scale import ground_area_m2
 from survey.core.transformation import chosen_crs, is_geographic, transformed
 from survey.data.conversions import to_geodataframe

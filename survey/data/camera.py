@@ -11,10 +11,17 @@ from typing import Literal, Self
 import numpy as np
 import tomlkit
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.config import Section, read_toml, validated
-from survey.core.errors import InputError
-from survey.core.files import existing_file, write_text
+from survey.core import (
+    DataObject,
+    FloatArray,
+    InputError,
+    Section,
+    checked,
+    existing_file,
+    validated,
+    write_text,
+)
+from survey.core.config import read_toml
 
 
 class CalibrationTable(Section):

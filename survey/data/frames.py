@@ -11,9 +11,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.errors import InputError
-from survey.core.files import existing_file, write_text
+from survey.core import DataObject, FloatArray, InputError, checked, existing_file, write_text
 
 Image = npt.NDArray[np.uint8]
 

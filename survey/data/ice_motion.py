@@ -10,9 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.documents import read_json, write_json
-from survey.core.errors import InputError
+from survey.core import DataObject, FloatArray, InputError, checked, read_json, write_json
 
 DAY_S = 86400.0
 """Seconds of a day."""

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, IntArray
 from survey.data.surface_points import SurfacePoints
 
 STRETCH_M = 5.0

@@ -15,8 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from survey.core.arrays import DataObject, FloatArray, IntArray, checked
-from survey.core.errors import InputError
+from survey.core import DataObject, FloatArray, InputError, IntArray, checked
 from survey.io.arrays_file import read_npz, write_npz
 
 # Right-hand sides that are solved for at once: SuperLU takes two more arrays of their size, and slows down with many.

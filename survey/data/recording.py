@@ -12,11 +12,7 @@ from typing import Any, Self, get_args, get_type_hints
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.config import Section
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
-from survey.core.files import write_text
+from survey.core import DataObject, FloatArray, InputError, Section, checked, projected_crs, write_text
 from survey.data.camera import Camera
 from survey.data.frames import Frames, FrameWriter, Image
 from survey.data.ice_motion import IceMotion

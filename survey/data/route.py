@@ -16,9 +16,7 @@ import shapely
 from pyproj import CRS
 from shapely import LineString
 
-from survey.core.arrays import DataObject, FloatArray, IntArray, ReadOnlyMapping, checked
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
+from survey.core import DataObject, FloatArray, InputError, IntArray, ReadOnlyMapping, checked, projected_crs
 from survey.core.map_scale import ground_lengths_m
 from survey.data.conversions import draw_lines, html_table, to_geodataframe
 from survey.io.vector import Layer, layer_names, read_features, write_layers

@@ -14,20 +14,21 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray, ReadOnlyMapping, checked, frozen
-from survey.core.crs import (
+from survey.core import (
     UNSTATED,
+    BoolArray,
+    DataObject,
+    FloatArray,
+    InputError,
+    ReadOnlyMapping,
     agreed_crs,
-    datum_of_file,
-    is_local,
-    known_crs,
+    checked,
+    frozen,
     projected_crs,
-    refuse_degrees,
-    refuse_exchanged,
     same_crs,
     same_vertical_datum,
 )
-from survey.core.errors import InputError
+from survey.core.crs import datum_of_file, is_local, known_crs, refuse_degrees, refuse_exchanged
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.conversions import draw_points, html_table, to_geodataframe, value_range
 from survey.io.point_files import read_point_table, write_point_table

@@ -8,9 +8,7 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
+from survey.core import DataObject, FloatArray, InputError, checked, projected_crs
 from survey.data.conversions import draw_lines, html_table, to_geodataframe
 from survey.data.path_error import PathError
 from survey.io.tables import read_table, write_table

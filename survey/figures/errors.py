@@ -17,9 +17,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import same_crs, same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import Bounds, FloatArray, InputError, same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route

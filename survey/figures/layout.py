@@ -25,9 +25,8 @@ from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from PIL.Image import Image
 from pyproj import CRS
 
-from survey.core.arrays import Bounds
+from survey.core import Bounds, round_number
 from survey.core.map_scale import MapScale
-from survey.core.text import round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.style import INK, VEIL, page_image, styled

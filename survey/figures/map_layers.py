@@ -21,8 +21,7 @@ from matplotlib.path import Path as Outline
 from scipy.ndimage import distance_transform_edt
 from shapely import MultiPolygon, Polygon, get_coordinates, get_parts
 
-from survey.core.arrays import FloatArray
-from survey.core.text import round_number
+from survey.core import FloatArray, round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route

@@ -18,8 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import FloatArray
-from survey.core.text import round_number
+from survey.core import FloatArray, round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route

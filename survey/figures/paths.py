@@ -12,9 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.crs import same_crs
-from survey.core.text import round_number
+from survey.core import BoolArray, FloatArray, IntArray, round_number, same_crs
 from survey.data.area import SurveyArea
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import first_line
+from survey.core import FloatArray, InputError, first_line
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

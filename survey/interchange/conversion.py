@@ -11,9 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.core.crs import agreed_crs, datum_of_file, projected_crs
-from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core import InputError, agreed_crs, existing_file, projected_crs
+from survey.core.crs import datum_of_file
 from survey.core.transformation import chosen_crs
 from survey.data.area import SurveyArea
 from survey.data.surface_points import project_table

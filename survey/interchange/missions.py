@@ -15,10 +15,8 @@ import numpy as np
 import shapely
 from shapely import LineString, Polygon
 
-from survey.core.arrays import FloatArray
-from survey.core.crs import ELLIPSOIDAL, same_crs
-from survey.core.errors import InputError
-from survey.core.files import write_text
+from survey.core import FloatArray, InputError, same_crs, write_text
+from survey.core.crs import ELLIPSOIDAL
 from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

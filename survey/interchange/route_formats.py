@@ -20,9 +20,7 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.crs import projected_crs
-from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core import InputError, existing_file, projected_crs
 from survey.core.transformation import WGS84, chosen_crs, is_geographic
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings

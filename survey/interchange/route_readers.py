@@ -10,8 +10,7 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg
 from survey.interchange.missions import NAV_WAYPOINT

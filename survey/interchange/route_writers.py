@@ -16,9 +16,7 @@ import numpy as np
 import shapely
 from shapely import LineString, Polygon
 
-from survey.core.arrays import FloatArray
-from survey.core.files import write_bytes, write_text
-from survey.core.text import printable
+from survey.core import FloatArray, printable, write_bytes, write_text
 from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings, write_qgc_plan, write_wpl

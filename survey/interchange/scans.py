@@ -11,10 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from survey.core.arrays import FloatArray, checked
-from survey.core.crs import UNSTATED, datum_of_file, same_vertical_datum, vertical_datum_of
-from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core import UNSTATED, FloatArray, InputError, checked, existing_file, same_vertical_datum
+from survey.core.crs import datum_of_file, vertical_datum_of
 from survey.data.sensors.lidar import LidarScans, SensorScan, is_lidar_folder
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.bags import bag_clouds

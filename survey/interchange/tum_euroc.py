@@ -4,9 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import write_text
+from survey.core import FloatArray, InputError, write_text
 from survey.data.camera import Camera
 from survey.data.frames import Frames, png_of_frame
 from survey.data.recording import Recording

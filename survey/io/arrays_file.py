@@ -16,8 +16,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, write_bytes
+from survey.core import CapacityError, InputError, existing_file, first_line, write_bytes
 
 LARGEST_BYTES = 2**31
 """Largest arrays of one file: 2.1 GB in memory."""

@@ -10,9 +10,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, get_args
 
-from survey.core.crs import ELLIPSOIDAL, UNSTATED
-from survey.core.errors import ConfigError, InputError
-from survey.core.text import printable
+from survey.core import UNSTATED, ConfigError, InputError, printable
+from survey.core.crs import ELLIPSOIDAL
 from survey.io.text_tables import Axis
 
 SPELLINGS: Mapping[str, tuple[str, ...]] = {

@@ -20,10 +20,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core import CapacityError, FloatArray, InputError, first_line
 from survey.core.crs import known_crs
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import first_line
 from survey.io.dataset_files import files_beside, raster_sources
 
 RASTER_DRIVERS: Mapping[str, str] = MappingProxyType(

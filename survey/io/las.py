@@ -15,10 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from pyproj.exceptions import CRSError
 
-from survey.core.arrays import BoolArray
-from survey.core.crs import UNSTATED, vertical_datum_of
-from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core import UNSTATED, BoolArray, InputError, existing_file, replacing
+from survey.core.crs import vertical_datum_of
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.point_table import (
     CRC,

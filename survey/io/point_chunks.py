@@ -11,10 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import UNSTATED
-from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file
 from survey.io.ply import PlyError, read_vertices
 from survey.io.point_table import damaged_points
 

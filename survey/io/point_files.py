@@ -18,10 +18,8 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
-from survey.core.crs import UNSTATED, crs_text, vertical_datum_of
-from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core import UNSTATED, FloatArray, InputError, existing_file, replacing
+from survey.core.crs import crs_text, vertical_datum_of
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.column_names import (
     ColumnNames,

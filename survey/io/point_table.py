@@ -13,10 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs import UNSTATED
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import first_line
+from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError, first_line
 from survey.core.transformation import WGS84
 from survey.io.column_names import SPELLINGS, normalize, without_metres
 

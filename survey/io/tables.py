@@ -13,10 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, replacing
-from survey.core.text import printable
+from survey.core import CapacityError, FloatArray, InputError, existing_file, first_line, printable, replacing
 
 LARGEST_ROWS = 30_000_000
 """Longest table that is read: 1 GB for four columns."""

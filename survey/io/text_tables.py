@@ -15,10 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line
-from survey.core.text import printable
+from survey.core import CapacityError, FloatArray, InputError, existing_file, first_line, printable
 from survey.io.tables import refuse_cut_off_line, refuse_repeated_columns
 
 _NUMBER = r"[+-]?\d{{1,3}}({0}\d{{3}})+"

@@ -14,9 +14,7 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core import FloatArray, InputError, existing_file, replacing
 from survey.core.transformation import WGS84, transformed
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.vector import read_features, write_features

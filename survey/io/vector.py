@@ -15,9 +15,8 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
-from survey.core.text import printable
+from survey.core import CapacityError, InputError, existing_file, first_line, printable, replacing
+from survey.core.files import unwritable, warnings_logged
 from survey.core.transformation import WGS84, coded_crs, transformed
 from survey.io.dataset_files import stale_files
 from survey.io.file_kinds import OFFLINE, check_vector_file, kml_document

@@ -12,8 +12,7 @@ from typing import Any, Self
 import numpy as np
 import shapely
 
-from survey.core.arrays import FloatArray
-from survey.core.streams import stream
+from survey.core import FloatArray, stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.terrain_map import BEYOND, Reconstruction

@@ -2,8 +2,7 @@
 
 import math
 
-from survey.core.arrays import Bounds
-from survey.core.errors import CapacityError, InputError
+from survey.core import Bounds, CapacityError, InputError
 
 MAP_MEMORY_MB = 4000.0
 """Memory that the arrays of one map may take [MB]."""

@@ -28,9 +28,7 @@ from rasterio.features import shapes
 from scipy.special import ndtr
 from shapely.geometry import shape
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.documents import write_json
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, write_json
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from survey.core import InputError, Section, same_crs
 from survey.core.arguments import check_types
-from survey.core.config import Section
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
 
-from survey.core.arrays import Bounds, Progress, ReadOnlyMapping
-from survey.core.config import Section
+from survey.core import Bounds, Progress, ReadOnlyMapping, Section
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import CapacityError, InputError
+from survey.core import BoolArray, CapacityError, FloatArray, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.capacity import rounded_up, smallest_step_m

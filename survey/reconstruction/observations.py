@@ -14,8 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.data.surface_points import SurfacePoints
 from survey.io.raster.values import FOOT_M
 from survey.reconstruction.terrain_map import ELEVATION

@@ -25,9 +25,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import FloatArray
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, same_crs
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.sensors.payload import PayloadLog

@@ -17,9 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from survey.core.arrays import Progress
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
+from survey.core import InputError, Progress, same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

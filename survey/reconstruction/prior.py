@@ -11,8 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from survey.core.arrays import FloatArray
-from survey.core.config import Section
+from survey.core import FloatArray, Section
 
 # Spread of the logarithm of an error's size within a class of products: a factor of 2.2 either way.
 _CLASS_LOG_SD = 0.8

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, PositiveFloat
 
-from survey.core.config import Section
-from survey.core.errors import InputError
+from survey.core import InputError, Section
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig

@@ -14,11 +14,17 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import DataObject, FloatArray, ReadOnlyMapping, frozen
-from survey.core.crs import same_crs
+from survey.core import (
+    DataObject,
+    FloatArray,
+    InputError,
+    ReadOnlyMapping,
+    existing_file,
+    frozen,
+    replacing,
+    same_crs,
+)
 from survey.core.documents import is_intact, with_checksum
-from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
 from survey.data.conversions import html_table, plot_raster, to_dataset, value_range
 from survey.data.dem import Dem
 from survey.io.raster import read_raster, write_raster

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import FloatArray, checked
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, checked
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 

@@ -16,9 +16,7 @@ from typing import NamedTuple
 import matplotlib.image
 from matplotlib.figure import Figure
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
-from survey.core.files import replacing
+from survey.core import ConfigError, FloatArray, replacing
 from survey.core.replacement import replacing_folder
 from survey.core.text import csv_cell
 from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page, pdf_bytes

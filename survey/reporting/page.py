@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from survey import figures
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import write_bytes
+from survey.core import FloatArray, InputError, write_bytes
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.calibration import held_out_plot

@@ -18,8 +18,7 @@ import numpy as np
 from matplotlib.colors import Colormap, to_hex, to_rgb
 from pyproj import CRS
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.files import write_bytes
+from survey.core import Bounds, FloatArray, write_bytes
 from survey.figures.maps import SUPPORT
 from survey.figures.style import DEVIATION, ELEVATION, INK, NO_GO, ROVERS
 

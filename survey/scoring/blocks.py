@@ -16,10 +16,18 @@ import numpy as np
 from affine import Affine
 from scipy.special import ndtri
 
-from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.core.crs import UNSTATED, agreed_crs, same_crs, same_vertical_datum, vertical_datum_of
-from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core import (
+    UNSTATED,
+    Bounds,
+    FloatArray,
+    InputError,
+    IntArray,
+    agreed_crs,
+    existing_file,
+    same_crs,
+    same_vertical_datum,
+)
+from survey.core.crs import vertical_datum_of
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.raster import open_raster, read_window, stated_datum

@@ -16,9 +16,7 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.text import printable
+from survey.core import FloatArray, InputError, printable
 from survey.core.transformation import transformed
 from survey.io.file_kinds import VECTOR_SUFFIXES
 from survey.io.raster.writing import read_codes

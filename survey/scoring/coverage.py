@@ -14,8 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import shapely
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, Bounds, FloatArray, InputError, IntArray
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from scipy import fft
 from scipy.linalg import cho_factor, cho_solve
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential

@@ -13,9 +13,7 @@ from affine import Affine
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import shift as shifted_array
 
-from survey.core.arrays import FloatArray
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, same_crs
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.prior import PriorErrors

@@ -25,8 +25,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import quad
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
+from survey.core import ConfigError, FloatArray, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.gp.kernels import Matern32

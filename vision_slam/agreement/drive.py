@@ -10,8 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, Progress
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, Progress
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.sensors.records import GpsFixes
 from vision_slam.agreement.sanity_checks import refuse_swapped_images

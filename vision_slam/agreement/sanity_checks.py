@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import GpsFixes

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 from survey.data.sensors.records import GpsFixes
 from vision_slam.attitude import rotations
 from vision_slam.config import LocalizationConfig

@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.streams import stream
+from survey.core import BoolArray, FloatArray, stream
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory

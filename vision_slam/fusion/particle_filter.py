@@ -22,8 +22,7 @@ from typing import Self
 import numpy as np
 from scipy.special import gammaincinv
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 from vision_slam.config import LocalizationConfig
 from vision_slam.motion import ANY_RATE_RAD_S, GyroErrors
 

@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from survey import InputError, SurfacePoints, Trajectory
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import DriveTies
 from survey.data.sensors.stakes import Stakes
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
 from survey.reconstruction.joint.drives import SeveralDrives
 from vision_slam.attitude import rotations, turned
 from vision_slam.config import LocalizationConfig

@@ -40,15 +40,13 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from survey import InputError, SurfacePoints, Trajectory
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
 from survey.data.ice_motion import IceMotion
 from survey.data.landmarks import most_informative
 from survey.data.path_error import POSE, PathError, motion_rows
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
 from vision_slam.attitude import quaternions, rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.error_terms import Nodes, add_terms

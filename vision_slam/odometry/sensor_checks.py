@@ -12,9 +12,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
+from survey import Camera, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.data.camera import Camera
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.config import VisualOdometryConfig

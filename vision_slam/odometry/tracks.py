@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 

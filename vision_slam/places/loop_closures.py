@@ -16,13 +16,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from survey import Camera, InputError, Recording, Trajectory
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.data.camera import Camera
 from survey.data.frames import Frames
-from survey.data.recording import Recording
 from survey.data.sensors.odometry import DriveTies, LoopClosures
-from survey.data.trajectory import Trajectory
 from vision_slam.attitude import rotations
 from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry

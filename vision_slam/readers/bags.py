@@ -16,10 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from survey import Camera, InputError
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.crs import ELLIPSOIDAL
-from survey.core.errors import InputError
-from survey.data.camera import Camera
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial, Wheels
 from survey.interchange.bags import open_bag

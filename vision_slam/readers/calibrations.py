@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from survey.core.errors import InputError
-from survey.data.camera import Camera
+from survey import Camera, InputError
 from vision_slam.readers.images import read_text
 
 # Where x right, y down, z forward lie on a body with x forward, y left, z up.

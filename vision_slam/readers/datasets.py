@@ -15,10 +15,8 @@ import yaml
 from pyproj import Proj
 from scipy.spatial.transform import Rotation
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import existing_file
-from survey.data.camera import Camera
+from survey import Camera, InputError
+from survey.core import FloatArray, existing_file
 from survey.data.sensors.records import Inertial
 from survey.io.trajectory_files import read_tum
 from vision_slam.readers.calibrations import FORWARD, calibrated_camera

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from survey import Camera, ConfigError, InputError
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Camera
 from survey.data.frames import Frames, ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.calibrations import FORWARD, calibrated_camera

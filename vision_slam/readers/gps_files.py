@@ -14,10 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
-from survey.core.files import existing_file, first_line
-from survey.core.text import printable
+from survey.core import ConfigError, FloatArray, InputError, existing_file, first_line, printable
 from survey.io.column_names import (
     OWN_NAMES,
     ColumnNames,

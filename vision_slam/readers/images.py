@@ -18,10 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import existing_file
-from survey.data.camera import Camera
+from survey import Camera, InputError
+from survey.core import FloatArray, existing_file
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial
 from vision_slam.readers.photos import natural_key, read_photo

@@ -14,10 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.files import first_line
-from survey.data.camera import Camera
+from survey import Camera, InputError
+from survey.core import FloatArray, first_line
 from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 
 _STAMP = re.compile(

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray, InputError
 from survey.core.crs import ELLIPSOIDAL
-from survey.core.errors import InputError
 from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 
 # Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].

@@ -13,13 +13,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray, checked
-from survey.core.crs import UNSTATED, projected_crs
-from survey.core.errors import ConfigError, InputError
+from survey import Camera, ConfigError, InputError, Recording
+from survey.core import UNSTATED, BoolArray, FloatArray, IntArray, checked, projected_crs
 from survey.core.transformation import chosen_crs, transformed
-from survey.data.camera import Camera
 from survey.data.frames import Frames
-from survey.data.recording import Recording
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
 
 _RADIUS_OF_68_PERCENT = 1.51

@@ -14,11 +14,16 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.config import Section
-from survey.core.documents import read_json, write_json
-from survey.core.errors import InputError
-from survey.core.files import first_line
+from survey.core import (
+    DataObject,
+    FloatArray,
+    InputError,
+    Section,
+    checked,
+    first_line,
+    read_json,
+    write_json,
+)
 from survey.io.arrays_file import read_npz, write_npz
 from survey.io.tables import read_table, write_table
 

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray, checked, frozen
-from survey.core.errors import InputError
+from survey.core import BoolArray, DataObject, FloatArray, InputError, IntArray, checked, frozen
 from survey.data.sensors.records import UPPER, SensorRecords, join_columns
 from survey.data.sensors.stakes import StakeSightings, refuse_backward_times
 from survey.io.tables import read_table, write_table

@@ -6,11 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from survey.core.arrays import DataObject, FloatArray, checked
-from survey.core.config import Section
-from survey.core.errors import InputError
-from survey.core.files import existing_file
-from survey.core.text import printable
+from survey.core import DataObject, FloatArray, InputError, Section, checked, existing_file, printable
 from survey.data.trajectory import Trajectory
 from survey.io.tables import read_table, write_table
 from survey.io.text_tables import read_text_table

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray, checked
-from survey.core.errors import InputError
+from survey.core import BoolArray, DataObject, FloatArray, InputError, checked
 from survey.io.tables import read_table, write_table
 
 UPPER = np.triu_indices(3)

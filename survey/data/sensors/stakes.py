@@ -10,9 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from survey.core.arrays import DataObject, FloatArray, IntArray, checked
-from survey.core.errors import InputError
-from survey.core.text import printable
+from survey.core import DataObject, FloatArray, InputError, IntArray, checked, printable
 from survey.data.sensors.records import SensorRecords
 from survey.io.column_names import ColumnNames, log_columns, metres_factor, one_column, refuse_feet
 from survey.io.point_table import place_columns

@@ -15,10 +15,9 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.crs import UNSTATED, vertical_datum_of
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, replacing, unwritable, warnings_logged
+from survey.core import UNSTATED, CapacityError, FloatArray, InputError, IntArray, existing_file, replacing
+from survey.core.crs import vertical_datum_of
+from survey.core.files import unwritable, warnings_logged
 from survey.io.dataset_files import stale_files
 from survey.io.raster.opening import check_transform, crs_tag, rasterio_errors
 from survey.io.raster.reading import (

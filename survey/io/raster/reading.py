@@ -15,10 +15,8 @@ from affine import Affine
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import UNSTATED, vertical_datum_of
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file
+from survey.core import UNSTATED, Bounds, CapacityError, FloatArray, InputError, existing_file
+from survey.core.crs import vertical_datum_of
 from survey.core.transformation import geographic_of
 from survey.io.arrays_file import refuse_altered
 from survey.io.raster.opening import (

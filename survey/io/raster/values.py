@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 
 FOOT_M, US_SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
 _METRES = {

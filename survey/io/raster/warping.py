@@ -9,9 +9,8 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS, Transformer
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import agreed_crs, known_crs
-from survey.core.errors import CapacityError, InputError
+from survey.core import Bounds, CapacityError, FloatArray, InputError, agreed_crs
+from survey.core.crs import known_crs
 from survey.core.transformation import chosen_crs, geographic_of, is_geographic
 from survey.io.raster.opening import LARGEST_CELLS
 from survey.io.raster.reading import Raster, raster_header

@@ -16,10 +16,18 @@ from affine import Affine
 from pyproj import CRS
 from pyproj.crs import CompoundCRS
 
-from survey.core.arrays import FloatArray
-from survey.core.crs import UNSTATED, VERTICAL_CRS, projected_crs
-from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, replacing, unwritable, warnings_logged, write_bytes
+from survey.core import (
+    UNSTATED,
+    CapacityError,
+    FloatArray,
+    InputError,
+    existing_file,
+    projected_crs,
+    replacing,
+    write_bytes,
+)
+from survey.core.crs import VERTICAL_CRS
+from survey.core.files import unwritable, warnings_logged
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
 from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, open_dataset, rasterio_errors

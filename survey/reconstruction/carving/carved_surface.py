@@ -17,8 +17,7 @@ from pyproj import CRS
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.config import validated
+from survey.core import BoolArray, FloatArray, IntArray, validated
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m

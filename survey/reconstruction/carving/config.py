@@ -9,9 +9,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from survey.core.arrays import FloatArray
-from survey.core.config import Section
-from survey.core.errors import CapacityError
+from survey.core import CapacityError, FloatArray, Section
 from survey.reconstruction.capacity import rounded_up
 
 _LEAST_THIN_M = 1e-3

@@ -8,10 +8,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import FloatArray, IntArray, checked
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey.core import FloatArray, InputError, IntArray, checked, same_crs, stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
+from survey.core import ConfigError, FloatArray
 from survey.reconstruction.gp.kernels import KINDS, Kernel, Matern32, RationalQuadratic, SquaredExponential
 
 

@@ -17,10 +17,17 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 from scipy.special import chdtrc
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
-from survey.core.crs import same_crs, same_vertical_datum
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey.core import (
+    BoolArray,
+    Bounds,
+    FloatArray,
+    InputError,
+    IntArray,
+    Progress,
+    same_crs,
+    same_vertical_datum,
+    stream,
+)
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints

@@ -18,9 +18,7 @@ import shapely
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import Bounds, FloatArray, Progress, checked
-from survey.core.crs import UNSTATED
-from survey.core.errors import InputError
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked
 from survey.core.map_scale import scale_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid

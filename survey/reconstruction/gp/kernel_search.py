@@ -25,8 +25,7 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.spatial.distance import cdist
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.reconstruction.gp.families import SEARCHABLE, SearchedFamily
 from survey.reconstruction.gp.kernels import KINDS, Stationary
 

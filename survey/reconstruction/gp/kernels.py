@@ -24,8 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln, k1, kve
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
+from survey.core import ConfigError, FloatArray
 
 _ALMOST_ISOTROPIC = float(np.nextafter(1.0, 2.0))
 

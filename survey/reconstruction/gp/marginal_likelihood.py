@@ -15,9 +15,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import squareform
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey.core import FloatArray, InputError, IntArray, stream
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.families import KernelFamily, Sum, family_of, kernel_of, parts_of
 from survey.reconstruction.gp.kernels import Kernel, Stationary

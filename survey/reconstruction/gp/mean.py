@@ -14,8 +14,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.families import Sum, parts_of

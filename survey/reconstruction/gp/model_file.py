@@ -7,9 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from affine import Affine
 
-from survey.core.arrays import Bounds
-from survey.core.config import validated
-from survey.core.errors import InputError
+from survey.core import Bounds, InputError, validated
 from survey.data.dem import Dem
 from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.config import GaussianProcessConfig

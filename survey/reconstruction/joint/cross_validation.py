@@ -18,8 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.streams import stream
+from survey.core import FloatArray, IntArray, stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

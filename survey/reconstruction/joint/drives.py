@@ -11,9 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import DataObject, FloatArray
-from survey.core.crs import same_crs, same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import DataObject, FloatArray, InputError, same_crs, same_vertical_datum
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import same_crs
+from survey.core import Bounds, FloatArray, same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -6,9 +6,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import equal_crs, same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import Bounds, FloatArray, InputError, same_vertical_datum
+from survey.core.crs import equal_crs
 from survey.core.transformation import transformed
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints

@@ -27,8 +27,7 @@ import numpy as np
 from scipy import fft, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, IntArray
 from survey.data.landmarks import far_share, stretches
 from survey.data.path_error import POSE, PathError
 from survey.data.surface_points import SurfacePoints

@@ -26,8 +26,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import minimize
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.streams import stream
+from survey.core import BoolArray, FloatArray, IntArray, stream
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, Stiffness, is_small
 from survey.reconstruction.nodes import NodeWindow, away_from, bilinear

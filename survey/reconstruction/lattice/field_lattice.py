@@ -13,10 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray
-from survey.core.config import validated
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
+from survey.core import BoolArray, Bounds, FloatArray, InputError, same_crs, validated
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays

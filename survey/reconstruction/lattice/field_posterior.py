@@ -21,9 +21,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, solve_banded
 from scipy.optimize import minimize_scalar
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey.core import FloatArray, InputError, stream
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.multigrid import Operator
 from survey.reconstruction.lattice.solver import (

@@ -28,8 +28,7 @@ from numba import njit
 from scipy.linalg import cholesky_banded
 from threadpoolctl import ThreadpoolController
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 from survey.reconstruction.lattice.multigrid import Operator, conjugate_gradients, cycle, hierarchy, workspace
 
 

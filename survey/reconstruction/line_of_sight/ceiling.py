@@ -27,8 +27,7 @@ import numpy as np
 from numba import njit
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.line_of_sight.returns import checked_origins, ends_far_below, ghosts

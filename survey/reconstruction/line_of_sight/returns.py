@@ -18,8 +18,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import CapacityError, InputError
+from survey.core import BoolArray, CapacityError, FloatArray, InputError, IntArray
 from survey.data.surface_points import SurfacePoints
 
 # A neighbourhood is 3 × 3 cells; where it holds too few points, one of cells four times as wide is used.

@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.data.sensors.lidar import Scanner, SensorScan
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory

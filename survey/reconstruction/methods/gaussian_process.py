@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from survey.core.crs import same_crs, same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import InputError, same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.beyond_points import widened_beyond

@@ -9,9 +9,7 @@ import numpy.typing as npt
 from pyproj import CRS
 from scipy.spatial import Delaunay, cKDTree
 
-from survey.core.arrays import FloatArray
-from survey.core.crs import UNSTATED, same_crs
-from survey.core.errors import InputError
+from survey.core import UNSTATED, FloatArray, InputError, same_crs
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints

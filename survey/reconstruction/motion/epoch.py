@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError
 from survey.data.dem import Dem
 from survey.data.ice_motion import DAY_S, IceMotion
 from survey.data.recording import Recording

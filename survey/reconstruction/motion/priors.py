@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.crs import same_crs
-from survey.core.errors import InputError
+from survey.core import Bounds, FloatArray, InputError, same_crs
 from survey.data.dem import Dem
 from survey.data.ice_motion import DAY_S, IceMotion
 

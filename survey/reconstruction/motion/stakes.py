@@ -24,8 +24,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtrc, softmax
 
-from survey.core.arrays import FloatArray, checked
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, checked
 from survey.data.ice_motion import IceMotion
 from survey.data.sensors.stakes import Stakes, StakeSurveys
 

@@ -20,9 +20,8 @@ import numpy.typing as npt
 from numba import njit
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter, uniform_filter
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.core.files import replacing, write_refusal
+from survey.core import BoolArray, FloatArray, InputError, IntArray, replacing
+from survey.core.files import write_refusal
 from survey.io.point_chunks import PointChunk, read_chunks
 from survey.reconstruction.observations import (
     LEAST_TESTED,

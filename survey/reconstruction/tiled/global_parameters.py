@@ -14,10 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
-from survey.core.files import replacing
-from survey.core.streams import stream
+from survey.core import BoolArray, FloatArray, InputError, replacing, stream
 from survey.reconstruction.lattice.calibration import LatticeCalibration, likeliest_factors
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import (

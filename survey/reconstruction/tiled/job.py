@@ -16,11 +16,20 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 from pyproj import CRS
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.core.config import Section
-from survey.core.crs import UNSTATED, datum_of_file, projected_crs, same_crs, same_vertical_datum
-from survey.core.documents import read_json, write_json
-from survey.core.errors import CapacityError, InputError
+from survey.core import (
+    UNSTATED,
+    Bounds,
+    CapacityError,
+    FloatArray,
+    InputError,
+    Section,
+    projected_crs,
+    read_json,
+    same_crs,
+    same_vertical_datum,
+    write_json,
+)
+from survey.core.crs import datum_of_file
 from survey.io.point_chunks import PointFileFacts, chunked_files, point_file_facts
 from survey.reconstruction.tiled.cells import Piece, holds_class, pieces_of
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout

@@ -7,8 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from affine import Affine
 
-from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.core.errors import CapacityError, InputError
+from survey.core import Bounds, CapacityError, FloatArray, InputError, IntArray
 
 _MOST_TILES = 100_000
 _MOST_CELLS = 2**30

@@ -27,8 +27,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
-from survey.core.arrays import DataObject, FloatArray, IntArray
-from survey.core.errors import CapacityError
+from survey.core import CapacityError, DataObject, FloatArray, IntArray
 from survey.reconstruction.tiled.cells import strip_name
 
 N_TERMS = 5

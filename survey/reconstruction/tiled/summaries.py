@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.files import replacing
+from survey.core import FloatArray, IntArray, replacing
 from survey.reconstruction.tiled.cells import (
     STEP_M,
     blunders_in,

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from survey.core.arrays import FloatArray, Progress
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, Progress
 from survey.reconstruction.tiled.cells import present_tiles, sort_piece, sorted_points
 from survey.reconstruction.tiled.global_parameters import (
     ReliefHyperparameters,

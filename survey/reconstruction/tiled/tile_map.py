@@ -14,9 +14,8 @@ import numpy.typing as npt
 from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
-from survey.core.arrays import Bounds, FloatArray, IntArray
+from survey.core import Bounds, FloatArray, IntArray, replacing
 from survey.core.documents import with_checksum
-from survey.core.files import replacing
 from survey.io.raster.large import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
 from survey.io.raster.writing import write_categories, write_raster

@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.motion.priors import plastic_thickness_m

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.crs import same_crs, same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError, same_crs, same_vertical_datum
 from survey.data.dem import Dem
 from survey.scoring.accuracy import NMAD_FACTOR
 

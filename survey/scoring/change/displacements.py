@@ -6,8 +6,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from survey.core.arrays import DataObject, FloatArray
-from survey.core.errors import InputError
+from survey.core import DataObject, FloatArray, InputError
 from survey.data.ice_motion import DAY_S, IceMotion
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.kernels import Matern32

@@ -17,10 +17,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from shapely.validation import explain_validity
 
-from survey.core.crs import agreed_crs, projected_crs
-from survey.core.documents import write_json
-from survey.core.errors import InputError
-from survey.core.files import write_text
+from survey.core import InputError, agreed_crs, projected_crs, write_json, write_text
 from survey.core.text import csv_cell
 from survey.core.transformation import transformed
 from survey.data.area import simple_rings

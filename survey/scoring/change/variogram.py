@@ -15,8 +15,7 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.optimize import nnls
 from scipy.special import stdtrit
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, FloatArray, InputError
 
 _N_RANGES = 24
 _MOST_STRUCTURES = 5

@@ -16,10 +16,8 @@ import numpy.typing as npt
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray
-from survey.core.errors import InputError
+from survey.core import BoolArray, DataObject, FloatArray, InputError, printable
 from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
-from survey.core.text import printable
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.scoring.accuracy import NMAD_FACTOR

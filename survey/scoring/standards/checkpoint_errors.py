@@ -14,10 +14,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import gammaincinv
 
-from survey.core.arrays import BoolArray, FloatArray, frozen
-from survey.core.crs import UNSTATED, same_crs, same_vertical_datum
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey.core import (
+    UNSTATED,
+    BoolArray,
+    FloatArray,
+    InputError,
+    frozen,
+    same_crs,
+    same_vertical_datum,
+    stream,
+)
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.scoring.coverage import mapped_share

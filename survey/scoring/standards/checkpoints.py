@@ -16,11 +16,19 @@ import shapely
 from pyproj import CRS
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import BoolArray, FloatArray, checked, frozen, lattice_places
-from survey.core.crs import UNSTATED, projected_crs, same_vertical_datum
-from survey.core.errors import InputError
+from survey.core import (
+    UNSTATED,
+    BoolArray,
+    FloatArray,
+    InputError,
+    checked,
+    frozen,
+    printable,
+    projected_crs,
+    same_vertical_datum,
+)
+from survey.core.arrays import lattice_places
 from survey.core.map_scale import MapScale
-from survey.core.text import printable
 from survey.core.transformation import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -19,8 +19,7 @@ import finufft
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.core.errors import CapacityError
+from survey.core import Bounds, CapacityError, FloatArray, IntArray
 from survey.reconstruction.gp.kernels import Kernel
 
 ComplexArray = npt.NDArray[np.complex128]

@@ -16,8 +16,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import Bounds, FloatArray, checked
-from survey.core.errors import CapacityError, InputError
+from survey.core import Bounds, CapacityError, FloatArray, InputError, checked
 from survey.reconstruction.gp.engines.fourier_basis import (
     MAX_ITERATIONS,
     TOLERABLE,

@@ -23,8 +23,7 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import blas, lapack, solve_triangular
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
+from survey.core import FloatArray, InputError, IntArray
 from survey.reconstruction.gp.engines.fourier_basis import MAX_ITERATIONS, ComplexArray, FourierBasis
 from survey.reconstruction.gp.engines.regression import NoisyValues
 

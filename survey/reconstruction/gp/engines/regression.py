@@ -14,8 +14,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from scipy.linalg import cho_solve, lapack, solve_triangular
 
-from survey.core.arrays import FloatArray, checked
-from survey.core.errors import CapacityError, InputError
+from survey.core import CapacityError, FloatArray, InputError, checked
 from survey.reconstruction.gp.engines.fourier_basis import FourierBox
 from survey.reconstruction.gp.kernels import Kernel
 

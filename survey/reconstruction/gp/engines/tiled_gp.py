@@ -18,8 +18,7 @@ import numpy as np
 from scipy.linalg import cho_solve, lapack
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
-from survey.core.errors import CapacityError, InputError
+from survey.core import BoolArray, Bounds, CapacityError, FloatArray, InputError, IntArray, Progress
 from survey.reconstruction.gp.engines.fourier_basis import sharpest_std_m
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
 from survey.reconstruction.gp.engines.regression import (

@@ -1,0 +1,33 @@
+"""Names that most modules use, and the modules that define them."""
+
+from survey.core.arrays import BoolArray as BoolArray
+from survey.core.arrays import Bounds as Bounds
+from survey.core.arrays import DataObject as DataObject
+from survey.core.arrays import FloatArray as FloatArray
+from survey.core.arrays import IntArray as IntArray
+from survey.core.arrays import Progress as Progress
+from survey.core.arrays import ReadOnlyMapping as ReadOnlyMapping
+from survey.core.arrays import checked as checked
+from survey.core.arrays import frozen as frozen
+from survey.core.config import Section as Section
+from survey.core.config import validated as validated
+from survey.core.config import with_overrides as with_overrides
+from survey.core.crs import UNSTATED as UNSTATED
+from survey.core.crs import agreed_crs as agreed_crs
+from survey.core.crs import projected_crs as projected_crs
+from survey.core.crs import same_crs as same_crs
+from survey.core.crs import same_vertical_datum as same_vertical_datum
+from survey.core.documents import read_json as read_json
+from survey.core.documents import write_json as write_json
+from survey.core.errors import CapacityError as CapacityError
+from survey.core.errors import ConfigError as ConfigError
+from survey.core.errors import FirnlineError as FirnlineError
+from survey.core.errors import InputError as InputError
+from survey.core.files import existing_file as existing_file
+from survey.core.files import first_line as first_line
+from survey.core.files import replacing as replacing
+from survey.core.files import write_bytes as write_bytes
+from survey.core.files import write_text as write_text
+from survey.core.streams import stream as stream
+from survey.core.text import printable as printable
+from survey.core.text import round_number as round_number
