@@ -400,10 +400,9 @@ def _adaptive_config(
 ) -> "AdaptiveConfig":
     """Return the settings of a survey swath by swath, across the grain of the terrain."""
     from planners.guarantee.adaptive import AdaptiveConfig
-    from planners.routes.shortest_paths import FreeGround
     from planners.swaths.heading import across_marked_grain
 
-    return AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
+    return AdaptiveConfig.of(requirement, across_marked_grain(area.free, prior))
 
 
 def _plan_first(

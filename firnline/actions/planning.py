@@ -20,7 +20,6 @@ from firnline.actions.season import plan_season
 if TYPE_CHECKING:
     import planners
     import survey
-    from planners.registry import PlannerConfig
     from planners.routes.traversability import LeftOut
     from survey.reconstruction.gp.kernels import Kernel
 
@@ -137,6 +136,7 @@ def checked_options(request: PlanRequest) -> Any:
 def _sections_model() -> Any:
     """Return the class of the sections that an area is planned with; made once, which takes a while."""
     import planners
+    from planners.registry import PlannerConfig
     from survey.core.config import Section
 
     class Wanted(Section):
