@@ -35,7 +35,7 @@ try() {
         cd "$place/work"
         export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg
         ../bin/python -m pytest -q -p no:cacheprovider tests/sim/vehicle tests/sim/simulate/test_simulation.py \
-            tests/vision_slam/io/photos tests/vision_slam/io/receivers tests/vision_slam/calibration
+            tests/vision_slam/readers tests/vision_slam/test_calibrate.py
         for demo in srtm_ridge short_drive; do ../bin/firnline run "examples/$demo.toml" --quiet; done
     )
     echo "Python $name: tests and demos pass"

@@ -20,10 +20,10 @@ from PIL import Image as Picture
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
 from survey.data.frames import Image
-from tests.vision_slam.calibration import rendered
+from tests.vision_slam import rendered
 from tests.vision_slam.conftest import PlaneWorld, mounted
-from tests.vision_slam.io.photos.test_photo_folder import exif_of, position
-from tests.vision_slam.io.test_bags import first_bag
+from tests.vision_slam.readers.test_bags import first_bag
+from tests.vision_slam.readers.test_photo_folder import exif_of, position
 
 N_IMAGES, STEP_M, RATE_HZ = 96, 0.22, 4.0
 LATITUDE, LONGITUDE, HEIGHT_M = 60.43, -135.0, 800.0

@@ -31,7 +31,7 @@ from firnline.actions.interface import Result
 from firnline.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.text import round_number
-from tests.vision_slam.calibration.rendered import chessboard_images
+from tests.vision_slam.rendered import chessboard_images
 
 CRS = "EPSG:32608"
 WEST, SOUTH = 500_000.0, 6_700_000.0

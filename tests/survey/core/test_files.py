@@ -91,7 +91,7 @@ def test_an_exchange_removes_no_files_of_others(tmp_path: Path) -> None:
 _WRITER = """
 import sys
 from pathlib import Path
-from tests.survey.core.files.test_files import squares
+from tests.survey.core.test_files import squares
 path = Path(sys.argv[1])
 squares(path, 3)
 print("ready", flush=True)

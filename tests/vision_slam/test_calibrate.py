@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera
-from tests.vision_slam.calibration.rendered import (
+from tests.vision_slam.rendered import (
     CAMERA,
     charuco_images,
     chessboard_images,
