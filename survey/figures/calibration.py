@@ -17,14 +17,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.errors import height_error
-from survey.figures.style import (
-    CLAIM,
-    ESTIMATE,
-    FULL_IN,
-    MUTED,
-    REFERENCE,
-    styled,
-)
+from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, REFERENCE, styled
 from survey.reconstruction.checks import PredictiveCheck
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import Calibration

@@ -16,26 +16,9 @@ from survey.core import BoolArray, FloatArray, IntArray, round_number, same_crs
 from survey.data.area import SurveyArea
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
-from survey.figures.layout import (
-    MapFigure,
-    add_colour_bar,
-    draw_scale_and_north,
-    grouped,
-    map_figure,
-    widen,
-)
+from survey.figures.layout import MapFigure, add_colour_bar, draw_scale_and_north, grouped, map_figure, widen
 from survey.figures.map_layers import draw_area
-from survey.figures.style import (
-    CLAIM,
-    DEVIATION,
-    ESTIMATE,
-    FULL_IN,
-    INK,
-    MUTED,
-    NO_GO,
-    REFERENCE,
-    styled,
-)
+from survey.figures.style import CLAIM, DEVIATION, ESTIMATE, FULL_IN, INK, MUTED, NO_GO, REFERENCE, styled
 
 _AXES = ("East", "North", "Up")
 _N_ELLIPSES = 25

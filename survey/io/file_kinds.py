@@ -299,7 +299,7 @@ _KEYS = frozenset(
         "dx",
         "dy",
         "nodata_value",
-    ],
+    ]
 )
 _LONGEST_HEADER = 16
 _LONGEST_LINE = 64 * 2**20

@@ -416,11 +416,7 @@ def _write_las(path: Path, table: PointTable) -> None:
     write_las(path, table)
 
 
-_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {
-    ".las": _read_las,
-    ".laz": _read_las,
-    ".ply": read_ply,
-}
+_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {".las": _read_las, ".laz": _read_las, ".ply": read_ply}
 WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
     ".csv": write_csv,
     ".gpkg": write_vector,

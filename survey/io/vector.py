@@ -285,12 +285,7 @@ def write_features(
 
 
 def write_layers(
-    path: str | Path,
-    layers: Mapping[str, Layer],
-    crs: CRS,
-    *,
-    kind: str | None = None,
-    indexed: bool = True,
+    path: str | Path, layers: Mapping[str, Layer], crs: CRS, *, kind: str | None = None, indexed: bool = True
 ) -> None:
     """Write layers of features to one file, or leave what was there; a GeoPackage alone holds several."""
     target = Path(path)

@@ -91,11 +91,7 @@ def _flows(facts: Mapping[str, Any]) -> Table:
     pairs = (("along", "Along the flow"), ("flux_divergence", "Carried off"), ("balance", "Gain"))
     headings = ("Outline", *(part for _, name in pairs for part in (f"{name} [m]", "σ [m]")), "Thickness [m]")
     rows = tuple(
-        (
-            row["name"],
-            *(number(row[key]) for key in list(row)[1:-1]),
-            rounded(row["thickness_m"]),
-        )
+        (row["name"], *(number(row[key]) for key in list(row)[1:-1]), rounded(row["thickness_m"]))
         for row in facts["along_flow"]
     )
     return Table(
