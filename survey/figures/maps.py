@@ -75,10 +75,7 @@ def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | N
     route : Route, optional
         In the CRS of the terrain.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Raises
     ------
@@ -127,12 +124,10 @@ def terrain_comparison(
     ----------
     reference : Dem
         True terrain.
-    reconstruction : Reconstruction
-        The survey's map.
+    $reconstruction
     prior : Dem, optional
         Prior, e.g. from a satellite.
-    area : SurveyArea, optional
-        Its outline is drawn and sets the extent of the map.
+    $area_extent
 
     Returns
     -------
@@ -141,10 +136,7 @@ def terrain_comparison(
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> terrain_comparison(flat, surveyed).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -173,24 +165,15 @@ def deviation_map(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    area : SurveyArea, optional
-        Only nodes inside are shown.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $reconstruction
+    $area_shown
+    $swaths
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> deviation_map(surveyed).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -218,24 +201,16 @@ def support_map(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
+    $reconstruction
     area : SurveyArea, optional
         Its outline is drawn; the shares in the legend then count nodes inside it.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $swaths
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> support_map(surveyed).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -358,17 +333,12 @@ def landmark_map(
         Landmarks or other measured points.
     terrain : Dem
         Gives the extent of the map.
-    area : SurveyArea, optional
-        Its outline is drawn and sets the extent of the map.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $area_extent
+    $swaths
     name : str
         What the points are.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------

@@ -61,10 +61,7 @@ def path_map(
     in_the_world : bool
         False for a path that counts from its own start: the axes say so.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Examples
     --------
@@ -325,10 +322,7 @@ def executed_route(
     area : SurveyArea, optional
         Its outline.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Examples
     --------

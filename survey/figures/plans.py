@@ -59,10 +59,7 @@ def plan_map(
     left_out : sequence of shapely.Polygon, optional
         Pieces of the area where rovers cannot be.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Raises
     ------
