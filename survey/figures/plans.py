@@ -75,7 +75,7 @@ def plan_map(
     'Survey plan'
     """
     area.require_crs(route.crs, "the route")
-    bounds = _view(area)
+    bounds = _extent(area)
     drawing = map_figure(FULL_IN, bounds, legend=True)
     axes = drawing.maps[0]
     handles: list[Artist] = []
@@ -101,7 +101,7 @@ def plan_map(
     return drawing.figure
 
 
-def _view(area: SurveyArea) -> tuple[float, float, float, float]:
+def _extent(area: SurveyArea) -> tuple[float, float, float, float]:
     """Return the extent of the map: the area with a margin of 4 %."""
     xmin, ymin, xmax, ymax = area.bounds
     pad = 0.04 * max(xmax - xmin, ymax - ymin)

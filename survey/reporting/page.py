@@ -37,7 +37,7 @@ from survey.reporting.survey_results import (
     PayloadResults,
     SurveyResults,
 )
-from survey.scoring.scores import Score
+from survey.scoring import Score
 from survey.scoring.standards.map_classes import own_claim
 
 
