@@ -379,13 +379,9 @@ class SurfacePoints(DataObject):
 
 SIGMA = "sigma_z_m"
 COVARIANCE = {
-    "cov_xx_m2": (0, 0),
-    "cov_xy_m2": (0, 1),
-    "cov_xz_m2": (0, 2),
-    "cov_yy_m2": (1, 1),
-    "cov_yz_m2": (1, 2),
-    "cov_zz_m2": (2, 2),
-}
+    "cov_xx_m2": (0, 0), "cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yy_m2": (1, 1),
+    "cov_yz_m2": (1, 2), "cov_zz_m2": (2, 2),
+}  # fmt: skip
 ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 OWN = {f"own_{name}": place for name, place in COVARIANCE.items()}
 

@@ -242,13 +242,9 @@ def _refuse_too_many(gdal: Any, file: Path, layer: str | int | None, what: str) 
 
 
 _DRIVERS = {
-    ".gpkg": "GPKG",
-    ".geojson": "GeoJSON",
-    ".json": "GeoJSON",
-    ".kml": "KML",
-    ".gpx": "GPX",
+    ".gpkg": "GPKG", ".geojson": "GeoJSON", ".json": "GeoJSON", ".kml": "KML", ".gpx": "GPX",
     ".shp": "ESRI Shapefile",
-}
+}  # fmt: skip
 
 _SHAPEFILE_NAME = 10
 _GDAL_UTC = 100
