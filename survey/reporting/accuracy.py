@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.errors import (
@@ -27,10 +27,8 @@ from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.reporting.document import Chapter, Document, DrawnFigure, Statement, Table
 from survey.reporting.quantities import number, percent, rounded
 from survey.reporting.statements import statement, template
-from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.change.volume_change import Change
+from survey.scoring import Change, ErrorStatistics, Score
 from survey.scoring.class_scores import ClassScore
-from survey.scoring.scores import Score
 from survey.scoring.standards.assessment import Assessment, CheckpointScore
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors
 from survey.scoring.standards.checkpoints import LEAST_SHARE, LEAST_SPACING
