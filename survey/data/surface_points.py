@@ -32,7 +32,7 @@ from survey.core.crs import datum_of_file, is_local, known_crs, refuse_degrees, 
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.conversions import draw_points, drawing, html_table, to_geodataframe, value_range
 from survey.io.point_files import read_point_table, write_point_table
-from survey.io.point_table import PLACE, PointTable, ground_of, log_projection, once_each
+from survey.io.point_table import PLACE, SIGMA, PointTable, ground_of, log_projection, once_each
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -377,7 +377,6 @@ class SurfacePoints(DataObject):
         )
 
 
-SIGMA = "sigma_z_m"
 COVARIANCE = {
     "cov_xx_m2": (0, 0), "cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yy_m2": (1, 1),
     "cov_yz_m2": (1, 2), "cov_zz_m2": (2, 2),

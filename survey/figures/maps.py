@@ -31,7 +31,7 @@ from survey.figures.map_layers import (
     draw_raster,
     draw_route,
     draw_route_lines,
-    draw_terrain,
+    draw_shaded_elevation,
     elevation_limits,
     outline_path,
     relief_exaggeration,
@@ -96,7 +96,7 @@ def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | N
     drawing = map_figure(FULL_IN, bounds, legend=True)
     axes = drawing.maps[0]
     limits = elevation_limits(terrain)
-    image = draw_terrain(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
+    image = draw_shaded_elevation(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
     handles: list[Artist] = [*draw_contours(axes, terrain)]
     if area is not None:
         handles += draw_area(axes, area)
@@ -149,7 +149,7 @@ def terrain_comparison(
     limits = elevation_limits(*shown)
     exaggeration = relief_exaggeration(reconstruction.mean)
     for axes, name, dem in zip(drawing.maps, surfaces, shown, strict=True):
-        image = draw_terrain(axes, dem, limits, exaggeration=exaggeration)
+        image = draw_shaded_elevation(axes, dem, limits, exaggeration=exaggeration)
         if area is not None:
             draw_area(axes, area)
         axes.set_title(name)

@@ -33,7 +33,7 @@ MARKS = (-9999.0, -32767.0, -32768.0, -99999.0)
 MARKS_IN_METRES = (9999.0, 32767.0, 65535.0, 99999.0)
 """Heights in metres that stand for an unknown one too: no ground on Earth is as high."""
 # What no band holds.
-_LARGEST = 1e15
+LARGEST = 1e15
 
 
 class BandScale(NamedTuple):
@@ -121,7 +121,7 @@ def refuse_unmarked(stored: FloatArray, name: str, dtype: str = "float64", *, in
     largest = max(-lowest, highest)
     marks = (*MARKS, *_extremes(dtype), *(MARKS_IN_METRES if in_metres else ()))
     found = next((mark for mark in marks if lowest <= mark <= highest and (known == mark).any()), None)
-    if found is None and largest < _LARGEST:
+    if found is None and largest < LARGEST:
         return
     value = found if found is not None else (lowest if -lowest == largest else highest)
     raise InputError(
