@@ -135,7 +135,7 @@ def _outcome(name: str, path: Path, good: tuple[bytes, ...]) -> str:
 
 _SCORE = """
 import resource, sys, time
-from survey.scoring.blocks import score_files
+from survey.scoring.scores import score_files
 start = time.process_time()
 found = score_files(*sys.argv[1:])
 print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9, found.elevation.rmse_m, found.elevation.nmad_m)

@@ -58,10 +58,10 @@ class TerrainTiles:
         first = (row * TILE_CELLS - 1, column * TILE_CELLS - 1)
         heights = self.pyramid.window(level, *first, TILE_CELLS + 2, TILE_CELLS + 2)
         draw = {"relief": style.relief, "slope": style.slope}[layer]
-        return png_bytes(draw(heights, self.pyramid.step_m * 2**level))
+        return encode_png(draw(heights, self.pyramid.step_m * 2**level))
 
 
-def png_bytes(pixels: npt.NDArray[np.uint8]) -> bytes:
+def encode_png(pixels: npt.NDArray[np.uint8]) -> bytes:
     """Return an image as PNG.
 
     `pixels` (H, W, 4): red, green, blue, opacity.
@@ -131,7 +131,7 @@ def picture(raster: Dem, table: Table, low: float, high: float) -> dict[str, Any
     values = raster.elevation[::step, ::step]
     rows, columns = values.shape
     t, cell_m = raster.transform, step * raster.step_m
-    png = base64.b64encode(png_bytes(_pixels(values, table, low, high))).decode("ascii")
+    png = base64.b64encode(encode_png(_pixels(values, table, low, high))).decode("ascii")
     return {
         "bounds": [t.c, t.f - rows * cell_m, t.c + columns * cell_m, t.f],
         "image": f"data:image/png;base64,{png}",

@@ -8,7 +8,7 @@ from generate.tables import code, table
 from survey.data.sensors.odometry import DriveTies, LoopClosures
 from survey.data.sensors.records import Barometer, Compass, GpsFixes, Inertial, SensorRecords, Weather, Wheels
 from survey.data.sensors.stakes import StakeSightings
-from survey.data.surface_points import COVARIANCE, ORIGIN, SIGMA
+from survey.data.surface_points import COVARIANCE, ORIGIN
 from survey.data.trajectory import _COLUMNS as TRAJECTORY
 from survey.interchange.route_readers import READERS
 from survey.interchange.route_writers import _CSV_COLUMNS as ROUTE
@@ -17,9 +17,9 @@ from survey.io.column_names import SPELLINGS
 from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
 from survey.io.point_files import READ_ENDINGS as POINTS
 from survey.io.point_files import WRITERS as POINT_WRITERS
-from survey.io.point_table import PLACE
+from survey.io.point_table import PLACE, SIGMA
 from survey.io.trajectory_files import TUM_COLUMNS
-from survey.scoring.change.files import TABLE_COLUMNS as CHANGE
+from survey.scoring.change.volume_change import TABLE_COLUMNS as CHANGE
 
 _HEAD = """\
 # File formats

@@ -4,14 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from firnline.actions.interface import (
-    Argument,
-    Option,
-    Preview,
-    Result,
-    refuse_existing,
-    with_companions,
-)
+from firnline.actions.interface import Argument, Option, Preview, Result, refuse_existing, with_companions
 from firnline.actions.scoring import map_of, today
 from survey.core.errors import ConfigError, InputError
 
@@ -44,8 +37,7 @@ class ChangeRequest:
     """Two surveys to compare."""
 
     later: Annotated[
-        Path,
-        Argument(help="Later survey: raster, folder of a reconstruction, or terrain model (.npz)."),
+        Path, Argument(help="Later survey: raster, folder of a reconstruction, or terrain model (.npz).")
     ]
     earlier: Annotated[Path, Argument(help="Earlier survey, or any elevation raster.")]
     outline: Annotated[
@@ -74,8 +66,7 @@ class ChangeRequest:
         ),
     ] = None
     days: Annotated[
-        float | None,
-        Option("--days", min=1e-6, help="Time between the surveys, for velocities [days]."),
+        float | None, Option("--days", min=1e-6, help="Time between the surveys, for velocities [days].")
     ] = None
     thickness: Annotated[
         str | None,
@@ -89,8 +80,7 @@ class ChangeRequest:
         Option("--thickness-error", min=0.0, help="Standard deviation of --thickness over the thickness."),
     ] = 0.2
     crs: Annotated[
-        str | None,
-        Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS)."),
+        str | None, Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS).")
     ] = None
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
@@ -173,7 +163,7 @@ class ChangeResult(Result):
         from survey.core.replacement import replacing_folder
         from survey.figures.maps import change_map
         from survey.figures.style import png_bytes
-        from survey.scoring.change.files import write_change
+        from survey.scoring.change.volume_change import write_change
 
         placed = self if out is None else replace(self, request=replace(self.request, out=out))
         with replacing_folder(placed.request.out, own=OUTPUTS) as draft:
@@ -189,7 +179,7 @@ class ChangeResult(Result):
 
     def facts(self) -> dict[str, Any]:
         """Return shift, volumes, masses and notes."""
-        from survey.scoring.change.files import change_facts
+        from survey.scoring.change.volume_change import change_facts
 
         return change_facts(self.change, *self._density)
 
@@ -200,8 +190,7 @@ class ChangeResult(Result):
         return lines if report is None else [*lines, f"report written to {report}"]
 
     def _write_report(self, report: Path) -> None:
-        from survey.reporting.accuracy import ReportSetting
-        from survey.reporting.change import change_report
+        from survey.reporting.accuracy import ReportSetting, change_report
         from survey.reporting.document import write_document
 
         roles = ("Later survey", "Earlier survey", "Outlines", "Unchanged ground from")
@@ -240,7 +229,7 @@ def change(request: ChangeRequest) -> ChangeResult:
 def preview_change(request: ChangeRequest) -> Preview:
     """Read surveys and outlines, and return what would be compared."""
     from survey import Dem
-    from survey.scoring.change.files import read_outlines
+    from survey.scoring.change.volume_change import read_outlines
 
     request.check()
     writes = [request.out, *([] if request.report is None else [request.report])]
@@ -260,7 +249,7 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
 
     from survey import Dem
     from survey.scoring.change.difference import change as compare
-    from survey.scoring.change.files import read_outlines
+    from survey.scoring.change.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request.later, request.earlier, request.outline, request.step_m)
@@ -305,7 +294,7 @@ def _models_compared(
     from survey import Grid, InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.change.difference import change_of_models
-    from survey.scoring.change.files import read_outlines
+    from survey.scoring.change.volume_change import read_outlines
 
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
@@ -372,7 +361,7 @@ class Surveys(NamedTuple):
 
 def surveys_of(later: Path, earlier: Path, crs: str | None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
-    from survey.scoring.change.files import average_survey, averaged_step_m
+    from survey.scoring.change.volume_change import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:

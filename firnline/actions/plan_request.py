@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import planners
     import survey
     from planners.routes.traversability import LeftOut
-    from survey.figures.sheets import PlanContent, RoverEffort
+    from survey.figures.plans import PlanContent, RoverEffort
     from survey.reconstruction.gp.kernels import Kernel
     from survey.reporting.qgis import QgisGroup
 
@@ -426,7 +426,7 @@ def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawi
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     from survey.core.replacement import replacing_files
     from survey.figures.page_layout import pdf_bytes
-    from survey.figures.sheets import plan_sheets
+    from survey.figures.plans import plan_sheets
 
     std = drawing.std(route, drawing.fine_cell_m)
     content = _content(request, route, drawing, std)
@@ -445,7 +445,7 @@ def _content(
     """Return what the sheets of a plan state."""
     import planners
     from planners.swaths.reference_lines import swaths_text
-    from survey.figures.sheets import PlanContent
+    from survey.figures.plans import PlanContent
 
     rover = drawing.rover or planners.Rover()
     efforts = tuple(_effort(route, k, rover, drawing.terrain) for k in range(route.n_rovers))
@@ -468,7 +468,7 @@ def _effort(
     route: "survey.Route", k: int, rover: "planners.Rover", terrain: "survey.Dem | None"
 ) -> "RoverEffort":
     from planners.routes.rover import effort
-    from survey.figures.sheets import RoverEffort
+    from survey.figures.plans import RoverEffort
 
     own = effort(route.path(k), rover, terrain, crs=route.crs)
     batteries = None if rover.battery_j is None else own.energy_j / rover.battery_j

@@ -497,7 +497,7 @@ def _in_blocks(request: ScoreRequest) -> "Score":
     import survey
     from survey.core.crs import agreed_crs
     from survey.io.raster import raster_facts
-    from survey.scoring.blocks import score_files
+    from survey.scoring.scores import score_files
 
     assert request.truth is not None
     system = agreed_crs(raster_facts(request.truth).crs, request.crs, str(request.truth))

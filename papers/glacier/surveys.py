@@ -36,7 +36,7 @@ from survey.figures.layout import MapFigure, add_colour_bar, grouped, map_figure
 from survey.figures.map_layers import (
     draw_area,
     draw_raster,
-    draw_terrain,
+    draw_shaded_elevation,
     elevation_limits,
     relief_exaggeration,
 )
@@ -149,7 +149,9 @@ def maps(done: list[MissionResult]) -> Figure:
     drawing = _side_by_side(done)
     limits = elevation_limits(*(one.map.mean for one in done))
     for axes, one in zip(drawing.maps, done, strict=True):
-        image = draw_terrain(axes, one.map.mean, limits, exaggeration=relief_exaggeration(one.map.mean))
+        image = draw_shaded_elevation(
+            axes, one.map.mean, limits, exaggeration=relief_exaggeration(one.map.mean)
+        )
         _draw_path(axes, one)
         axes.set_title(f"{_pattern(one)}, {SWATHS[one.planner]} swaths")
     add_colour_bar(image, drawing, "Elevation [m]")

@@ -34,7 +34,7 @@ from survey.figures.layout import add_colour_bar, map_figure
 from survey.figures.map_layers import (
     draw_area,
     draw_raster,
-    draw_terrain,
+    draw_shaded_elevation,
     elevation_limits,
     relief_exaggeration,
 )
@@ -76,7 +76,7 @@ def draw_terrains(maps: dict[str, Reconstruction], done: Traverse) -> Figure:
     inner = done.world.terrain.window(area.bounds)
     limits, exaggeration = elevation_limits(inner), relief_exaggeration(inner)
     for axes, (name, result) in zip(drawing.maps, maps.items(), strict=True):
-        image = draw_terrain(axes, result.mean, limits, exaggeration=exaggeration)
+        image = draw_shaded_elevation(axes, result.mean, limits, exaggeration=exaggeration)
         _draw_traverse(axes, done)
         axes.set_title(name)
     add_colour_bar(image, drawing, "Elevation [m]", extend="both")

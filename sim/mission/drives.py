@@ -20,7 +20,7 @@ from sim.mission.losses import loss_on
 from sim.simulate.simulation import simulate_ideal, simulate_statistical
 from sim.simulate.steering import SteeredPath, add_attitude_errors
 from sim.world.site import World
-from survey.core.streams import stream
+from survey.core import stream
 from survey.data.recording import table_file
 
 

@@ -1,4 +1,4 @@
-"""Quantities as text, and escaping of names for the terminal and for CSV.
+"""Quantities as text, escaping of names for the terminal and for CSV, and shared paragraphs of docstrings.
 
 Lengths, areas, durations, energies and angles are written in the units that people read, with rounded numbers. Names
 that come from files are escaped before they are shown in a terminal or written to a table.
@@ -6,8 +6,14 @@ that come from files are escaped before they are shown in a terminal or written 
 
 import math
 import unicodedata
+from collections.abc import Callable, Mapping
+from inspect import cleandoc
+from string import Template
+from typing import Any, TypeVar
 
 _HOUR_S, _KWH_J = 3600.0, 3.6e6
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def duration_text(seconds: float) -> str:
@@ -119,3 +125,16 @@ def csv_cell(name: str) -> str:
 
 def _escaped(letter: str) -> str:
     return letter.encode("unicode_escape").decode("ascii") if ord(letter) > 0xFF else f"\\x{ord(letter):02x}"
+
+
+def insert_paragraphs(function: _Function, paragraphs: Mapping[str, str]) -> _Function:
+    """Replace each ``$name`` in a function's docstring by the paragraph of that name, and return the function.
+
+    >>> def plot(ax):
+    ...     "Draw. $axes"
+    >>> insert_paragraphs(plot, {"axes": "On `ax`."}).__doc__
+    'Draw. On `ax`.'
+    """
+    if function.__doc__:  # None under ``python -OO``
+        function.__doc__ = Template(cleandoc(function.__doc__)).substitute(paragraphs)
+    return function

@@ -9,13 +9,14 @@ import html
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
 
 from survey.core.errors import InputError
+from survey.core.text import insert_paragraphs
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -25,6 +26,23 @@ if TYPE_CHECKING:
 
 _MOST_DRAWN_CELLS = 1000
 """Rows or columns of a raster beyond which cells are left out of a plot."""
+
+_AXES = """\
+Parameters
+----------
+ax : matplotlib.axes.Axes, optional
+    Where to draw; a new figure by default.
+
+Returns
+-------
+matplotlib.axes.Axes
+    Easting and northing [m]."""
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+def drawing(method: _Method) -> _Method:
+    """Insert the parameter and the result of a ``plot`` for ``$axes`` in its docstring."""
+    return insert_paragraphs(method, {"axes": _AXES})
 
 
 def axes_or_new(ax: "Axes | None") -> "Axes":

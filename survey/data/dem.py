@@ -13,7 +13,7 @@ from survey.core.arrays import Bounds, DataObject, FloatArray, frozen, lattice_p
 from survey.core.crs import UNSTATED, datum_of_file, projected_crs, refuse_far
 from survey.core.errors import InputError
 from survey.core.transformation import is_geographic
-from survey.data.conversions import html_table, plot_raster, to_dataset, value_range
+from survey.data.conversions import drawing, html_table, plot_raster, to_dataset, value_range
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.opening import check_transform
@@ -352,18 +352,11 @@ class Dem(DataObject):
         mean = np.where(n_valid * 2 >= n * n, np.nansum(blocks, axis=(1, 3)) / np.maximum(n_valid, 1), np.nan)
         return self._with(mean, self.transform @ Affine.scale(n))
 
+    @drawing
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the elevation as a coloured raster.
 
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            Easting and northing [m].
+        $axes
 
         Notes
         -----

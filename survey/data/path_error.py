@@ -41,10 +41,7 @@ class SparseFactor:
         options = {"SymmetricMode": True}
         return cls(
             splu(
-                sparse.csc_matrix(matrix),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options=options,
+                sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
             )
         )
 

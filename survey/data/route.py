@@ -18,7 +18,7 @@ from shapely import LineString
 
 from survey.core import DataObject, FloatArray, InputError, IntArray, ReadOnlyMapping, checked, projected_crs
 from survey.core.map_scale import ground_lengths_m
-from survey.data.conversions import draw_lines, html_table, to_geodataframe
+from survey.data.conversions import draw_lines, drawing, html_table, to_geodataframe
 from survey.io.vector import Layer, layer_names, read_features, write_layers
 
 if TYPE_CHECKING:
@@ -284,18 +284,11 @@ class Route(DataObject):
             columns[f"predicted_{name}"] = np.full(n, value)
         return columns
 
+    @drawing
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the swaths as solid and the transits as dashed lines, one colour for each rover.
 
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            Easting and northing [m].
+        $axes
         """
         style = {"swath": "-", "transit": ":"}
         lines = [(leg.xy, {"linestyle": style[leg.kind], "color": f"C{leg.rover % 10}"}) for leg in self.legs]

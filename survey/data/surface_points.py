@@ -30,9 +30,9 @@ from survey.core import (
 )
 from survey.core.crs import datum_of_file, is_local, known_crs, refuse_degrees, refuse_exchanged
 from survey.core.transformation import chosen_crs, transformed
-from survey.data.conversions import draw_points, html_table, to_geodataframe, value_range
+from survey.data.conversions import draw_points, drawing, html_table, to_geodataframe, value_range
 from survey.io.point_files import read_point_table, write_point_table
-from survey.io.point_table import PLACE, PointTable, ground_of, log_projection, once_each
+from survey.io.point_table import PLACE, SIGMA, PointTable, ground_of, log_projection, once_each
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -292,18 +292,11 @@ class SurfacePoints(DataObject):
         columns |= dict(self.values)
         return columns | {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
 
+    @drawing
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the points in the colour of their elevation.
 
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            Easting and northing [m].
+        $axes
         """
         return draw_points(ax, self.xy, self.z, "Elevation [m]")
 
@@ -384,15 +377,10 @@ class SurfacePoints(DataObject):
         )
 
 
-SIGMA = "sigma_z_m"
 COVARIANCE = {
-    "cov_xx_m2": (0, 0),
-    "cov_xy_m2": (0, 1),
-    "cov_xz_m2": (0, 2),
-    "cov_yy_m2": (1, 1),
-    "cov_yz_m2": (1, 2),
-    "cov_zz_m2": (2, 2),
-}
+    "cov_xx_m2": (0, 0), "cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yy_m2": (1, 1),
+    "cov_yz_m2": (1, 2), "cov_zz_m2": (2, 2),
+}  # fmt: skip
 ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 OWN = {f"own_{name}": place for name, place in COVARIANCE.items()}
 

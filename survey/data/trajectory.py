@@ -9,7 +9,7 @@ import shapely
 from pyproj import CRS
 
 from survey.core import DataObject, FloatArray, InputError, checked, projected_crs
-from survey.data.conversions import draw_lines, html_table, to_geodataframe
+from survey.data.conversions import draw_lines, drawing, html_table, to_geodataframe
 from survey.data.path_error import PathError
 from survey.io.tables import read_table, write_table
 from survey.io.trajectory_files import TUM_COLUMNS, read_tum, write_tum
@@ -90,18 +90,11 @@ class Trajectory(DataObject):
         """Distance travelled [m]."""
         return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
 
+    @drawing
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the path from above.
 
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            Easting and northing [m].
+        $axes
         """
         return draw_lines(ax, [(self.position[:, :2], {})])
 

@@ -10,18 +10,7 @@ from survey.figures.paths import error_over_time, executed_route, path_map
 from survey.figures.plans import plan_map
 
 __all__ = [
-    "calibration_plot",
-    "deviation_map",
-    "error_against_distance",
-    "error_histogram",
-    "error_map",
-    "error_over_time",
-    "executed_route",
-    "landmark_map",
-    "path_map",
-    "plan_map",
-    "support_map",
-    "survey_map",
-    "terrain_comparison",
-    "terrain_profile",
-]
+    "calibration_plot", "deviation_map", "error_against_distance", "error_histogram", "error_map",
+    "error_over_time", "executed_route", "landmark_map", "path_map", "plan_map", "support_map",
+    "survey_map", "terrain_comparison", "terrain_profile",
+]  # fmt: skip

@@ -17,14 +17,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.errors import height_error
-from survey.figures.style import (
-    CLAIM,
-    ESTIMATE,
-    FULL_IN,
-    MUTED,
-    REFERENCE,
-    styled,
-)
+from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, REFERENCE, styled
 from survey.reconstruction.checks import PredictiveCheck
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import Calibration
@@ -47,26 +40,17 @@ def calibration_plot(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    reference : Dem
-        The terrain as it is.
+    $reconstruction
+    $reference
     calibration : Calibration
         Nominal levels and observed shares.
-    area : SurveyArea, optional
-        Only nodes inside count.
+    $area_counted
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> calibration = Calibration.of(raised.elevation - flat.elevation, flat.elevation)
     >>> len(calibration_plot(surveyed, flat, calibration).axes)
     2

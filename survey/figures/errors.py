@@ -87,26 +87,16 @@ def error_map(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    reference : Dem
-        The terrain as it is.
-    area : SurveyArea, optional
-        Only nodes inside are shown.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $reconstruction
+    $reference
+    $area_shown
+    $swaths
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> error_map(surveyed, flat).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -132,26 +122,17 @@ def error_histogram(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    reference : Dem
-        The terrain as it is.
+    $reconstruction
+    $reference
     statistics : ErrorStatistics
         The numbers to mark.
-    area : SurveyArea, optional
-        Only nodes inside count.
+    $area_counted
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> error_histogram(surveyed, flat, ErrorStatistics.of(height_error(surveyed, flat))).axes[0].get_xlabel()
     'Reconstruction − reference [m]'
     """
@@ -190,26 +171,17 @@ def error_against_distance(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    reference : Dem
-        The terrain as it is.
+    $reconstruction
+    $reference
     route : Route
         Distances are to all its legs, within half a step of the grid.
-    area : SurveyArea, optional
-        Only nodes inside count.
+    $area_counted
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> from survey.data.route import Leg
     >>> route = Route((Leg("swath", [[0.0, 20.0], [60.0, 20.0]]),), "EPSG:32608", "line")
     >>> error_against_distance(surveyed, flat, route).axes[0].get_xlabel()
@@ -393,10 +365,8 @@ def terrain_profile(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    reference : Dem
-        The terrain as it is.
+    $reconstruction
+    $reference
     route : Route
         Its middle swath is followed; the cross profile is the perpendicular through the
         middle of that swath's axis.
@@ -412,10 +382,7 @@ def terrain_profile(
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> from survey.data.route import Leg
     >>> route = Route((Leg("swath", [[0.0, 20.0], [60.0, 20.0]]),), "EPSG:32608", "line")
     >>> len(terrain_profile(surveyed, flat, route).axes)

@@ -180,12 +180,7 @@ def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | N
     axes.text(0.955, 0.14, "N", transform=across, ha="center", va="center", fontweight="bold")
     arrow = {"arrowstyle": "-|>", "color": INK, "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(
-        "",
-        xy=(0.985, 0.34),
-        xytext=(0.985, 0.03),
-        xycoords=across,
-        arrowprops=arrow,
-        annotation_clip=False,
+        "", xy=(0.985, 0.34), xytext=(0.985, 0.03), xycoords=across, arrowprops=arrow, annotation_clip=False
     )
 
 

@@ -203,7 +203,7 @@ def draw_smooth(axes: Axes, std: Dem, ground: Polygon | MultiPolygon) -> AxesIma
     return image
 
 
-def draw_terrain(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float) -> AxesImage:
+def draw_shaded_elevation(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float) -> AxesImage:
     """Draw elevation in colours under a hillshade."""
     dem = decimate(dem)
     image = draw_raster(axes, dem.elevation, dem, ELEVATION, limits)

@@ -31,7 +31,7 @@ from survey.figures.map_layers import (
     draw_raster,
     draw_route,
     draw_route_lines,
-    draw_terrain,
+    draw_shaded_elevation,
     elevation_limits,
     outline_path,
     relief_exaggeration,
@@ -75,10 +75,7 @@ def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | N
     route : Route, optional
         In the CRS of the terrain.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Raises
     ------
@@ -99,7 +96,7 @@ def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | N
     drawing = map_figure(FULL_IN, bounds, legend=True)
     axes = drawing.maps[0]
     limits = elevation_limits(terrain)
-    image = draw_terrain(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
+    image = draw_shaded_elevation(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
     handles: list[Artist] = [*draw_contours(axes, terrain)]
     if area is not None:
         handles += draw_area(axes, area)
@@ -127,12 +124,10 @@ def terrain_comparison(
     ----------
     reference : Dem
         True terrain.
-    reconstruction : Reconstruction
-        The survey's map.
+    $reconstruction
     prior : Dem, optional
         Prior, e.g. from a satellite.
-    area : SurveyArea, optional
-        Its outline is drawn and sets the extent of the map.
+    $area_extent
 
     Returns
     -------
@@ -141,10 +136,7 @@ def terrain_comparison(
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> terrain_comparison(flat, surveyed).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -157,7 +149,7 @@ def terrain_comparison(
     limits = elevation_limits(*shown)
     exaggeration = relief_exaggeration(reconstruction.mean)
     for axes, name, dem in zip(drawing.maps, surfaces, shown, strict=True):
-        image = draw_terrain(axes, dem, limits, exaggeration=exaggeration)
+        image = draw_shaded_elevation(axes, dem, limits, exaggeration=exaggeration)
         if area is not None:
             draw_area(axes, area)
         axes.set_title(name)
@@ -173,24 +165,15 @@ def deviation_map(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    area : SurveyArea, optional
-        Only nodes inside are shown.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $reconstruction
+    $area_shown
+    $swaths
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> deviation_map(surveyed).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -218,24 +201,16 @@ def support_map(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The survey's map.
+    $reconstruction
     area : SurveyArea, optional
         Its outline is drawn; the shares in the legend then count nodes inside it.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $swaths
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------
-    >>> from survey.data.grid import Grid
-    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
-    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
-    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    $two_surfaces
     >>> support_map(surveyed).axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -358,17 +333,12 @@ def landmark_map(
         Landmarks or other measured points.
     terrain : Dem
         Gives the extent of the map.
-    area : SurveyArea, optional
-        Its outline is drawn and sets the extent of the map.
-    route : Route, optional
-        Its swaths are drawn as thin lines.
+    $area_extent
+    $swaths
     name : str
         What the points are.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as half a page.
+    $half_page
 
     Examples
     --------

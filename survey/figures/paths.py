@@ -16,26 +16,9 @@ from survey.core import BoolArray, FloatArray, IntArray, round_number, same_crs
 from survey.data.area import SurveyArea
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
-from survey.figures.layout import (
-    MapFigure,
-    add_colour_bar,
-    draw_scale_and_north,
-    grouped,
-    map_figure,
-    widen,
-)
+from survey.figures.layout import MapFigure, add_colour_bar, draw_scale_and_north, grouped, map_figure, widen
 from survey.figures.map_layers import draw_area
-from survey.figures.style import (
-    CLAIM,
-    DEVIATION,
-    ESTIMATE,
-    FULL_IN,
-    INK,
-    MUTED,
-    NO_GO,
-    REFERENCE,
-    styled,
-)
+from survey.figures.style import CLAIM, DEVIATION, ESTIMATE, FULL_IN, INK, MUTED, NO_GO, REFERENCE, styled
 
 _AXES = ("East", "North", "Up")
 _N_ELLIPSES = 25
@@ -78,10 +61,7 @@ def path_map(
     in_the_world : bool
         False for a path that counts from its own start: the axes say so.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Examples
     --------
@@ -342,10 +322,7 @@ def executed_route(
     area : SurveyArea, optional
         Its outline.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
+    $page
 
     Examples
     --------

@@ -14,6 +14,8 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from PIL.Image import Image, frombuffer
 
+from survey.core.text import insert_paragraphs
+
 FULL_IN = 9.0
 """Width of a figure over the full page [in]; the report shows 120 CSS pixels per inch."""
 HALF_IN = 4.4
@@ -73,14 +75,32 @@ _SETTINGS: dict[str, Any] = {
     "savefig.facecolor": "white",
 }
 
+_RETURNS = "Returns\n-------\nmatplotlib.figure.Figure\n    As wide as "
+_PARAGRAPHS = {
+    "reconstruction": "reconstruction : Reconstruction\n    The survey's map.",
+    "reference": "reference : Dem\n    The terrain as it is.",
+    "area_shown": "area : SurveyArea, optional\n    Only nodes inside are shown.",
+    "area_counted": "area : SurveyArea, optional\n    Only nodes inside count.",
+    "area_extent": "area : SurveyArea, optional\n    Its outline is drawn and sets the extent of the map.",
+    "swaths": "route : Route, optional\n    Its swaths are drawn as thin lines.",
+    "half_page": f"{_RETURNS}half a page.",
+    "page": f"{_RETURNS}a page.",
+    "two_surfaces": """\
+>>> from survey.data.grid import Grid
+>>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+>>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+>>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})""",
+}
+"""Paragraphs that docstrings of figures share: each stands there as ``$name``."""
+
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
 
 def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Run a drawing function with the report's matplotlib settings instead of the user's."""
+    """Run a drawing function with the report's matplotlib settings; insert shared paragraphs into its docstring."""
 
-    @wraps(draw)
+    @wraps(insert_paragraphs(draw, _PARAGRAPHS))
     def under_style(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
         with matplotlib.style.context(_SETTINGS, after_reset=True):
             return draw(*args, **kwargs)

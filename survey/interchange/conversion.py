@@ -19,14 +19,7 @@ from survey.data.surface_points import project_table
 from survey.data.trajectory import Trajectory
 from survey.interchange.route_readers import READERS
 from survey.io.point_files import read_point_table, write_point_table
-from survey.io.raster import (
-    LARGEST_CELLS,
-    band_count,
-    band_names,
-    raster_header,
-    read_raster,
-    write_raster,
-)
+from survey.io.raster import LARGEST_CELLS, band_count, band_names, raster_header, read_raster, write_raster
 from survey.io.raster.large import convert_in_windows
 from survey.io.trajectory_files import read_track, track_crs, write_kitti, write_track, write_tum
 from survey.io.vector import geometry_types

@@ -205,10 +205,7 @@ def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
     waypoints = _waypoints(route, path)
     heights = around.heights(route.path())
     home = (0.0, 0.0, 0.0, 0.0, *waypoints[0], 0.0 if heights is None else float(heights[0]))
-    items = [
-        MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, home),
-        *_commands(waypoints, heights, around),
-    ]
+    items = [MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, home), *_commands(waypoints, heights, around)]
     lines = [_line(index, item) for index, item in enumerate(items)]
     write_text(path, "QGC WPL 110\n" + "".join(lines))
 

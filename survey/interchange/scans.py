@@ -22,7 +22,6 @@ from survey.io.point_table import PLACE
 from survey.io.trajectory_files import read_tum
 
 _NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap", ".bag"), (".bin",)
-_ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 _TIMES = ("gps_time", "time_s", "time", "t")
 
 

@@ -26,20 +26,11 @@ from survey.io.dataset_files import files_beside, raster_sources
 
 RASTER_DRIVERS: Mapping[str, str] = MappingProxyType(
     {
-        ".asc": "AAIGrid",
-        ".bil": "EHdr",
-        ".dem": "USGSDEM",
-        ".dt0": "DTED",
-        ".dt1": "DTED",
-        ".dt2": "DTED",
-        ".flt": "EHdr",
-        ".hgt": "SRTMHGT",
-        ".nc": "netCDF",
-        ".tif": "GTiff",
-        ".tiff": "GTiff",
-        ".vrt": "VRT",
+        ".asc": "AAIGrid", ".bil": "EHdr", ".dem": "USGSDEM", ".dt0": "DTED", ".dt1": "DTED",
+        ".dt2": "DTED", ".flt": "EHdr", ".hgt": "SRTMHGT", ".nc": "netCDF", ".tif": "GTiff",
+        ".tiff": "GTiff", ".vrt": "VRT",
     }
-)
+)  # fmt: skip
 """GDAL's driver for each suffix of a raster."""
 VECTOR_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".gpx", ".json", ".kml", ".kmz", ".shp")
 """Suffixes of vector files."""
@@ -70,20 +61,9 @@ _SIGNATURES: Mapping[str, tuple[bytes, ...]] = {
 }
 # By words like these GDAL takes a file for a format that reads other files, programs or addresses.
 _FOREIGN = (
-    b"<vrtdataset",
-    b"<ogrvrt",
-    b"<gdal_",
-    b"<ogrwfs",
-    b"<wms_",
-    b"<wmt_",
-    b"<capabilities",
-    b"<gdalwms",
-    b"<ogcapi",
-    b"<metacrs",
-    b"gdal_streamed_alg",
-    b"stac_version",
-    b"<gdaltileindexdataset",
-)
+    b"<vrtdataset", b"<ogrvrt", b"<gdal_", b"<ogrwfs", b"<wms_", b"<wmt_", b"<capabilities", b"<gdalwms",
+    b"<ogcapi", b"<metacrs", b"gdal_streamed_alg", b"stac_version", b"<gdaltileindexdataset",
+)  # fmt: skip
 
 
 def check_raster_file(file: Path, *, as_source: bool = False) -> None:
@@ -289,18 +269,10 @@ def kml_document(file: Path, what: str) -> bytes:
 
 _KEYS = frozenset(
     [
-        "ncols",
-        "nrows",
-        "xllcorner",
-        "yllcorner",
-        "xllcenter",
-        "yllcenter",
-        "cellsize",
-        "dx",
-        "dy",
+        "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
         "nodata_value",
-    ],
-)
+    ]
+)  # fmt: skip
 _LONGEST_HEADER = 16
 _LONGEST_LINE = 64 * 2**20
 

@@ -36,19 +36,9 @@ _LAS_STEP_M = 1e-4
 _COARSE_STEP_M = 0.05
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
 _LAS_FAULTS = (
-    laspy.errors.LaspyException,
-    lazrs.LazrsError,
-    CRSError,
-    ValueError,
-    RuntimeError,
-    struct.error,
-    OSError,
-    MemoryError,
-    ArithmeticError,
-    KeyError,
-    IndexError,
-    TypeError,
-)
+    laspy.errors.LaspyException, lazrs.LazrsError, CRSError, ValueError, RuntimeError, struct.error,
+    OSError, MemoryError, ArithmeticError, KeyError, IndexError, TypeError,
+)  # fmt: skip
 
 
 @contextmanager

@@ -20,15 +20,9 @@ import numpy.typing as npt
 Rows = npt.NDArray[np.void]
 
 _TYPES = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8",
-}
+}  # fmt: skip
 # The other names of the types: with their sizes, as NumPy writes them out (int8) and abbreviates them (i1).
 _KINDS = {
     **_TYPES,

@@ -37,6 +37,7 @@ from survey.io.point_table import (
     CRC,
     DATUM,
     PLACE,
+    SIGMA,
     PointTable,
     add_column,
     check_claim,
@@ -45,13 +46,12 @@ from survey.io.point_table import (
     in_own_columns,
     place_columns,
 )
-from survey.io.raster.values import HIGHEST_M, LOWEST_M, MARKS, MARKS_IN_METRES
+from survey.io.raster.values import HIGHEST_M, LARGEST, LOWEST_M, MARKS, MARKS_IN_METRES
 from survey.io.tables import is_number, read_table, write_table
 from survey.io.text_tables import LARGEST_BYTES, TextTable, read_text_table, refuse_hemispheres
 from survey.io.vector import read_features, write_features
 
 _WHAT = "the point file"
-_SIGMA = "sigma_z_m"
 # Columns of a file .xyz, which has no header as a rule.
 _UNNAMED = ("x", "y", "z")
 # A coordinate of 100 km or more with at most four digits, and how many rows are looked at.
@@ -120,7 +120,7 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     names = {
         name: own for name, own in known.items() if own in asked or text.is_number(name, 0, axis_of(own))
     }
-    names = {name: _SIGMA if own == sigma else own for name, own in names.items()}
+    names = {name: SIGMA if own == sigma else own for name, own in names.items()}
     numbers = {own: metres_factor(name) * text.numbers(name, axis_of(own)) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
     log_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
@@ -189,7 +189,7 @@ def _used_attributes(
     attributes: Attributes, given: Mapping[str, str], geometry: npt.NDArray[Any], where: str
 ) -> dict[str, str]:
     """Return the attributes that are read by own name: those that were chosen, and usual ones of heights and their errors."""
-    chosen = next((key for key in given if key not in (_HEIGHT, _SIGMA)), None)
+    chosen = next((key for key in given if key not in (_HEIGHT, SIGMA)), None)
     if chosen is not None:
         raise InputError(
             f"{where} has its places in its geometry, and {chosen} was chosen from the attribute {given[chosen]}; "
@@ -199,7 +199,7 @@ def _used_attributes(
     rename_header(header, given, where)
     found = {
         _HEIGHT: given.get(_HEIGHT) or _height(attributes, shapely.get_z(geometry), where),
-        _SIGMA: given.get(_SIGMA) or one_column("sigma_z", header, where),
+        SIGMA: given.get(SIGMA) or one_column("sigma_z", header, where),
     }
     return {own: name for own, name in found.items() if name is not None}
 
@@ -304,7 +304,6 @@ def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
 
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
-_LARGEST = 1e15
 # Heights beside those of 0 that show these for missing ones, and the least distance between both [m].
 _N_OTHERS, _LEAST_GAP_M = 5, 20.0
 _TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
@@ -316,7 +315,7 @@ def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None)
     """Read the format that the file's ending names."""
     table = _read(Path(path), columns)
     for name, column in table.columns.items():
-        if (np.abs(column) > _LARGEST).any():
+        if (np.abs(column) > LARGEST).any():
             raise InputError(
                 f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
             )
@@ -341,11 +340,11 @@ def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
 def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
     """Give the standard deviation of heights its own name, where the file has a usual one."""
     name = one_column("sigma_z", list(table.columns), f"the point file {path}")
-    if name is None or name == _SIGMA:
+    if name is None or name == SIGMA:
         return table
     columns = {key: column for key, column in table.columns.items() if key != name}
-    log_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
-    return table._replace(columns={**columns, _SIGMA: metres_factor(name) * table.columns[name]})
+    log_columns(f"the point file {path}", ColumnNames({SIGMA: name}))
+    return table._replace(columns={**columns, SIGMA: metres_factor(name) * table.columns[name]})
 
 
 def refuse_marks(table: PointTable, path: str | Path) -> None:
@@ -416,11 +415,7 @@ def _write_las(path: Path, table: PointTable) -> None:
     write_las(path, table)
 
 
-_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {
-    ".las": _read_las,
-    ".laz": _read_las,
-    ".ply": read_ply,
-}
+_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {".las": _read_las, ".laz": _read_las, ".ply": read_ply}
 WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
     ".csv": write_csv,
     ".gpkg": write_vector,

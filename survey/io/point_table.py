@@ -17,6 +17,7 @@ from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputErr
 from survey.core.transformation import WGS84
 from survey.io.column_names import SPELLINGS, normalize, without_metres
 
+SIGMA = "sigma_z_m"
 PLACE = ("x_m", "y_m", "z_m")
 
 

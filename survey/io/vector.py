@@ -242,13 +242,9 @@ def _refuse_too_many(gdal: Any, file: Path, layer: str | int | None, what: str) 
 
 
 _DRIVERS = {
-    ".gpkg": "GPKG",
-    ".geojson": "GeoJSON",
-    ".json": "GeoJSON",
-    ".kml": "KML",
-    ".gpx": "GPX",
+    ".gpkg": "GPKG", ".geojson": "GeoJSON", ".json": "GeoJSON", ".kml": "KML", ".gpx": "GPX",
     ".shp": "ESRI Shapefile",
-}
+}  # fmt: skip
 
 _SHAPEFILE_NAME = 10
 _GDAL_UTC = 100
@@ -285,12 +281,7 @@ def write_features(
 
 
 def write_layers(
-    path: str | Path,
-    layers: Mapping[str, Layer],
-    crs: CRS,
-    *,
-    kind: str | None = None,
-    indexed: bool = True,
+    path: str | Path, layers: Mapping[str, Layer], crs: CRS, *, kind: str | None = None, indexed: bool = True
 ) -> None:
     """Write layers of features to one file, or leave what was there; a GeoPackage alone holds several."""
     target = Path(path)

@@ -25,7 +25,7 @@ from survey.core import (
     same_crs,
 )
 from survey.core.documents import is_intact, with_checksum
-from survey.data.conversions import html_table, plot_raster, to_dataset, value_range
+from survey.data.conversions import drawing, html_table, plot_raster, to_dataset, value_range
 from survey.data.dem import Dem
 from survey.io.raster import read_raster, write_raster
 from survey.io.raster.writing import write_categories
@@ -166,18 +166,11 @@ class Reconstruction(DataObject):
             Dem.on(grid, self.mean.elevation + half, datum),
         )
 
+    @drawing
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the mean as a coloured raster.
 
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            Easting and northing [m].
+        $axes
         """
         return plot_raster(ax, self.mean.elevation, self.mean.bounds, self._name_and_unit()[2])
 

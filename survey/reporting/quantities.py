@@ -9,18 +9,9 @@ from survey.core.text import duration_text, energy_text
 MINUS = "\u2212"
 
 _UNITS = {
-    "m": "m",
-    "m2": "m²",
-    "s": "s",
-    "h": "h",
-    "j": "J",
-    "wh": "Wh",
-    "deg": "°",
-    "rad": "rad",
-    "hz": "Hz",
-    "percent": "%",
-    "per_cent": "%",
-}
+    "m": "m", "m2": "m²", "s": "s", "h": "h", "j": "J", "wh": "Wh", "deg": "°", "rad": "rad", "hz": "Hz",
+    "percent": "%", "per_cent": "%",
+}  # fmt: skip
 _MEANINGS = {
     "horizontal_rms_m": "error of the position on the map, over all poses",
     "vertical_rms_m": "error of the height, over all poses",

@@ -7,11 +7,11 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.errors import InputError
+from survey.core.transformation import WGS84
 from survey.data.dem import Dem
 from survey.io.raster import Raster, reproject
 
 _FILE = "jacksboro_fault_dem.npz"
-_GEOGRAPHIC = CRS("EPSG:4326")
 _UTM = CRS("EPSG:32616")
 # The Shuttle mission's heights count from this geoid; the file itself does not say so.
 _VERTICAL_DATUM = "EGM96 height"
@@ -91,4 +91,4 @@ def _read() -> Raster:
     # The stored ymax is the northern edge, but ymin was reckoned north of it; it is not used.
     west, north = float(arrays["xmin"]), float(arrays["ymax"])
     transform = Affine(float(arrays["dx"]), 0.0, west, 0.0, -float(arrays["dy"]), north)
-    return Raster(arrays["elevation"], transform, _GEOGRAPHIC, _VERTICAL_DATUM)
+    return Raster(arrays["elevation"], transform, WGS84, _VERTICAL_DATUM)

@@ -18,7 +18,7 @@ from survey.core.errors import FirnlineError
 from survey.data.surface_points import SurfacePoints
 from survey.io.raster import band_count, raster_facts
 from survey.io.trajectory_files import read_track
-from survey.scoring.blocks import score_files
+from survey.scoring.scores import score_files
 from tests.reliability.bait.places import UTM, Places, laid
 from tests.reliability.bait.rasters import RASTERS, tif, wms
 from tests.reliability.bait.vectors import ANSWERS, VECTORS, ogr_vrt

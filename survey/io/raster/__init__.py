@@ -17,18 +17,7 @@ from survey.io.raster.reading import (
 from survey.io.raster.writing import reproject, write_raster
 
 __all__ = [
-    "LARGEST_CELLS",
-    "NODATA",
-    "Raster",
-    "RasterFacts",
-    "band_count",
-    "band_names",
-    "open_raster",
-    "raster_facts",
-    "raster_header",
-    "read_raster",
-    "read_window",
-    "reproject",
-    "stated_datum",
+    "LARGEST_CELLS", "NODATA", "Raster", "RasterFacts", "band_count", "band_names", "open_raster",
+    "raster_facts", "raster_header", "read_raster", "read_window", "reproject", "stated_datum",
     "write_raster",
-]
+]  # fmt: skip

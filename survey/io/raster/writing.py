@@ -31,13 +31,7 @@ from survey.core.files import unwritable, warnings_logged
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
 from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, open_dataset, rasterio_errors
-from survey.io.raster.reading import (
-    CRC_TAG,
-    NODATA,
-    VERTICAL_TAG,
-    Raster,
-    checksum_parts,
-)
+from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts
 
 COG_OPTIONS = {
     "driver": "COG",
@@ -251,12 +245,7 @@ def _facts(vertical_datum: str) -> dict[str, str]:
 
 
 def write_categories(
-    path: str | Path,
-    codes: npt.NDArray[np.uint8],
-    categories: Sequence[str],
-    *,
-    transform: Affine,
-    crs: CRS,
+    path: str | Path, codes: npt.NDArray[np.uint8], categories: Sequence[str], *, transform: Affine, crs: CRS
 ) -> None:
     """Write codes as bytes, and the names of the categories in ``.aux.xml`` beside, where GDAL and QGIS look for them.
 

@@ -126,12 +126,7 @@ def change(
 
 
 def _change(
-    difference: Dem,
-    relative: FloatArray,
-    ground: ComparedGround,
-    *,
-    is_levelled: bool,
-    shift: Shift | None,
+    difference: Dem, relative: FloatArray, ground: ComparedGround, *, is_levelled: bool, shift: Shift | None
 ) -> Change:
     """Estimate the errors on the unchanged ground, and integrate over the outlines."""
     heights = difference.elevation
@@ -263,10 +258,7 @@ def change_of_models(
         for name, polygon in outlines.items()
     )
     compared = Dem.on(grid, difference, later.vertical_datum_)
-    notes = (
-        *datum_notes(later.vertical_datum_, earlier.vertical_datum_),
-        *scale_notes(compared),
-    )
+    notes = (*datum_notes(later.vertical_datum_, earlier.vertical_datum_), *scale_notes(compared))
     return Change(compared, std, significance(difference, std), volumes, "joint posterior", notes=notes)
 
 

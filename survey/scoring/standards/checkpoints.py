@@ -90,13 +90,7 @@ class Checkpoints:
         n = len(xyz)
         if n == 0:
             raise InputError("there are no checkpoints; give at least one.")
-        sigma = checked(
-            np.broadcast_to(np.asarray(self.sigma_z_m, dtype=np.float64), (n,)), (n,), "the sigmas"
-        )
-        if (sigma <= 0.0).any():
-            raise InputError(
-                f"{int((sigma <= 0).sum())} checkpoints have a sigma of 0 or less; state how well they were measured."
-            )
+        sigma = _positive(self.sigma_z_m, n, "sigma", "measured")
         names = tuple(self.names) or tuple(str(k) for k in range(1, n + 1))
         cover = np.zeros(n, dtype=bool) if self.vegetated is None else np.asarray(self.vegetated, dtype=bool)
         if len(names) != n or cover.shape != (n,):
@@ -216,15 +210,8 @@ class Checkpoints:
                 "the checkpoints state where they were found in the map and not how well they were placed; add a column "
                 "sigma_xy_m, or choose one with --columns sigma_xy=NAME."
             )
-        sigma = checked(
-            np.broadcast_to(np.asarray(self.sigma_xy_m, dtype=np.float64), (n,)), (n,), "the sigmas"
-        )
-        if (sigma <= 0.0).any():
-            raise InputError(
-                f"{int((sigma <= 0).sum())} checkpoints have a sigma_xy of 0 or less; state how well they were placed."
-            )
         object.__setattr__(self, "map_xy", frozen(places))
-        object.__setattr__(self, "sigma_xy_m", sigma)
+        object.__setattr__(self, "sigma_xy_m", _positive(self.sigma_xy_m, n, "sigma_xy", "placed"))
 
     def _refuse_repeats(self) -> None:
         pairs = cKDTree(self.xy).query_pairs(1e-6)
@@ -233,6 +220,16 @@ class Checkpoints:
             raise InputError(
                 f"the checkpoints {self.names[i]} and {self.names[j]} lie at one place; count each place once."
             )
+
+
+def _positive(sigma: Any, n: int, name: str, done: str) -> FloatArray:
+    """Return one standard deviation (N,) for each checkpoint; refuse those of 0 or less."""
+    sigmas = checked(np.broadcast_to(np.asarray(sigma, dtype=np.float64), (n,)), (n,), "the sigmas")
+    if (sigmas <= 0.0).any():
+        raise InputError(
+            f"{int((sigmas <= 0).sum())} checkpoints have a {name} of 0 or less; state how well they were {done}."
+        )
+    return sigmas
 
 
 def _refuse_control(path: str | Path, named: NamedPoints) -> None:

@@ -12,7 +12,7 @@ from survey import Dem, Grid, Route, SurveyArea
 from survey.data.route import Leg
 from survey.figures.map_layers import draw_contours
 from survey.figures.page_layout import RIGHT_IN, WIDTH_IN, pdf_bytes
-from survey.figures.sheets import PlanContent, RoverEffort, plan_sheets
+from survey.figures.plans import PlanContent, RoverEffort, plan_sheets
 
 CRS = "EPSG:32608"
 AREA = SurveyArea(shapely.box(526_000.0, 6_478_000.0, 526_600.0, 6_478_400.0), CRS)

@@ -8,8 +8,7 @@ import pytest
 
 from survey import Dem
 from survey.data.sensors.payload import Quantity
-from survey.reporting.page import write_report
-from survey.reporting.summary import fleet_rows, payload_rows
+from survey.reporting.page import fleet_rows, payload_rows, write_report
 from survey.reporting.survey_results import FleetResults, HazardResults, PayloadResults, RoverDrive
 from tests.survey.reporting.test_page import Outline, surveyed
 

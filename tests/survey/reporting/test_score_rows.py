@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey import Dem, Grid, SurveyArea
-from survey.reporting.summary import score_rows
+from survey.reporting.page import score_rows
 from survey.scoring import score
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import pytest
 
+from survey.reporting.page import calibration_sentence, conditions, score_rows, verdict_sentence
 from survey.reporting.quantities import (
     named_values,
     number,
     percent,
     setting,
 )
-from survey.reporting.summary import calibration_sentence, conditions, score_rows, verdict_sentence
 from survey.scoring import Calibration
 from survey.scoring.standards.map_classes import judge
 

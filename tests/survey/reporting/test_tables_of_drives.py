@@ -5,7 +5,7 @@ import pytest
 
 from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
-from survey.reporting.summary import FLEET_HEADINGS, fleet_rows, payload_rows
+from survey.reporting.page import FLEET_HEADINGS, fleet_rows, payload_rows
 from survey.reporting.survey_results import FleetResults, RoverDrive
 
 CRS = "EPSG:32608"

@@ -10,8 +10,8 @@ import shapely
 import survey
 from survey import Dem, Grid, InputError, Reconstruction, SurveyArea
 from survey.io.raster import write_raster
-from survey.scoring import blocks
-from survey.scoring.blocks import ErrorSketch
+from survey.scoring import scores
+from survey.scoring.scores import ErrorSketch
 
 UTM = "EPSG:32608"
 
@@ -40,7 +40,7 @@ def rasters(tmp_path: Path) -> tuple[Path, Path]:
 def test_a_patch_of_an_undeclared_number_is_refused_in_blocks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, filled: str
 ) -> None:
-    monkeypatch.setattr(blocks, "BLOCK_CELLS", 16)
+    monkeypatch.setattr(scores, "BLOCK_CELLS", 16)
     grid = Grid((5.0, 5.0, 795.0, 595.0), 10.0, UTM)
     for name in ("map.tif", "truth.tif"):
         heights = 800.0 + 0.1 * np.add.outer(grid.y, grid.x)
@@ -48,7 +48,7 @@ def test_a_patch_of_an_undeclared_number_is_refused_in_blocks(
             heights[20:40, 30:60] = 0.0
         Dem.on(grid, heights, "EGM96 height").write(tmp_path / name)
     with pytest.raises(InputError, match=rf"{filled} holds \d+ cells of exactly 0 m.*make it nodata"):
-        blocks.score_files(tmp_path / "map.tif", tmp_path / "truth.tif")
+        scores.score_files(tmp_path / "map.tif", tmp_path / "truth.tif")
 
 
 @pytest.mark.parametrize("side", [16, 1024])
@@ -56,13 +56,13 @@ def test_a_patch_of_an_undeclared_number_is_refused_in_blocks(
 def test_blocks_and_memory_agree(
     rasters: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, side: int, with_area: bool
 ) -> None:
-    monkeypatch.setattr(blocks, "BLOCK_CELLS", side)
+    monkeypatch.setattr(scores, "BLOCK_CELLS", side)
     area = SurveyArea(shapely.Point(400.0, 300.0).buffer(250.0), UTM) if with_area else None
     mean, std = (Dem.read(rasters[0], band=k) for k in (1, 2))
     whole = survey.score(
         Reconstruction(mean, std, np.full(mean.shape, 3), "gp", {}), truth=Dem.read(rasters[1]), area=area
     )
-    found = blocks.score_files(*rasters, area)
+    found = scores.score_files(*rasters, area)
     for name, value in vars(whole.elevation).items():
         # Quantiles lie between the same two errors, of which some 2,000 are 0.4 m wide: neighbours are 0.5 mm apart,
         # and 5 mm in the tail.
@@ -79,22 +79,22 @@ def test_what_memory_refuses_blocks_refuse_too(rasters: tuple[Path, Path], tmp_p
     other = Dem.read(rasters[1])
     Dem(other.elevation, other.transform, other.crs, "NAVD88 height").write(tmp_path / "datum.tif")
     with pytest.raises(InputError, match="vertical datums"):
-        blocks.score_files(rasters[0], tmp_path / "datum.tif")
+        scores.score_files(rasters[0], tmp_path / "datum.tif")
     Dem(other.elevation, other.transform @ other.transform.translation(9000, 0), other.crs).write(
         tmp_path / "far.tif"
     )
     with pytest.raises(InputError, match="nothing to score"):
-        blocks.score_files(rasters[0], tmp_path / "far.tif")
+        scores.score_files(rasters[0], tmp_path / "far.tif")
     content = rasters[1].read_bytes()
     (tmp_path / "cut.tif").write_bytes(content[: len(content) // 2])
     with pytest.raises(InputError, match="damaged"):
-        blocks.score_files(rasters[0], tmp_path / "cut.tif")
+        scores.score_files(rasters[0], tmp_path / "cut.tif")
     upward = rasterio.Affine(2.0, 0.0, 5.0, 0.0, 2.0, 5.0)
     profile = {"height": 9, "width": 9, "count": 1, "dtype": "float32", "crs": UTM, "transform": upward}
     with rasterio.open(tmp_path / "up.tif", "w", driver="GTiff", **profile) as target:
         target.write(np.ones((9, 9), dtype=np.float32), 1)
     with pytest.raises(InputError, match="northern"):
-        blocks.score_files(tmp_path / "up.tif", rasters[1])
+        scores.score_files(tmp_path / "up.tif", rasters[1])
 
 
 def test_errors_far_from_the_first_blocks_keep_their_quantiles() -> None:

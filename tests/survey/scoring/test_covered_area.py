@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 import survey
 from firnline.cli.main import app
 from survey import Dem, Grid, SurveyArea
-from survey.reporting.summary import verdict_sentence
+from survey.reporting.page import verdict_sentence
 from survey.scoring import Checkpoints, Score, compare, score_at
-from survey.scoring.blocks import score_files
+from survey.scoring.scores import score_files
 
 UTM = "EPSG:32608"
 WIDE = Grid((0.0, 0.0, 1000.0, 400.0), 10.0, UTM)

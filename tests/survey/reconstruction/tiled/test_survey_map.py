@@ -15,7 +15,7 @@ from survey.data.dem import Dem
 from survey.reconstruction.tiled.job import Control, TiledConfig, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles
 from survey.reconstruction.tiled.tile_map import TiledResult
-from survey.scoring.blocks import score_files
+from survey.scoring.scores import score_files
 from tests.survey.reconstruction.tiled.conftest import OFFSET_M, ground
 
 CONFIG = TiledConfig(tile_cells=80, halo_cells=40, n_draws=8, withheld_share=0.05)
