@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.core.arguments import check_types
-from survey.core.arrays import FloatArray, Progress
+from survey.core import FloatArray, Progress, check_types
 from survey.data.ice_motion import IceMotion
 from survey.data.recording import Recording
 from survey.reconstruction.motion.epoch import in_ice_frame

@@ -24,10 +24,8 @@ from sim.mission.localization import estimate_drive, mapped_points, path_scores,
 from sim.mission.runs import refuse_other_versions
 from sim.world.moving_ice import in_ice_order, write_on_ice
 from sim.world.site import SharedWorld
-from survey.core.arguments import check_types
-from survey.core.documents import write_json
+from survey.core import check_types, write_json
 from survey.core.run_folder import STAGES, RunFolder
-from survey.data.truth import Truth
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.policy import map_landmarks
 
@@ -169,7 +167,7 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     places = drive_folders(simulated)
     judged = survey.score(
         survey.Reconstruction.read(run.folder("reconstruct")),
-        truth=Truth.read(places[0] / "truth").dem,
+        truth=survey.Truth.read(places[0] / "truth").dem,
         route=survey.Route.read(simulated / "driven_route.geojson"),
         area=survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
         sample_step_m=mission.score.sample_step_m,

@@ -16,8 +16,6 @@ import planners
 import survey
 from planners.prediction import places
 from planners.registry import planner_of, steering_of
-from planners.steered_paths import rollout
-from planners.steering import attitude_sensor
 from sim.montecarlo.config import (
     ConditionalKind,
     Design,
@@ -31,7 +29,7 @@ from sim.montecarlo.config import (
     TrialBlock,
 )
 from sim.simulate.simulation import mission_of_drive, simulate_statistical
-from sim.simulate.steering import add_attitude_errors
+from sim.simulate.steering import AttitudeErrors, drive_steered
 from sim.world.site import erroneous_copy
 from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core import FloatArray, stream
@@ -148,14 +146,10 @@ def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     if steering is None:
         return [Driven(design, route, everyone)]
     trials = [(trial, design.label, design.swaths) for trial in world.trials]
-    sense = add_attitude_errors(
-        attitude_sensor(world.dems),
-        world.study.sensors,
-        world.study.rover.speed_m_s,
-        [world.stream("sensed attitude", *trial) for trial in trials],
-    )
+    sensed = [world.stream("sensed attitude", *trial) for trial in trials]
+    errors = AttitudeErrors(world.study.sensors, world.study.rover.speed_m_s, sensed)
     rngs = [world.stream("steering", *trial) for trial in trials]
-    driven = rollout(world.area, route, steering, sense, rngs)
+    driven = drive_steered(world.area, route, steering, world.dems, rngs=rngs, errors=errors)
     return [Driven(design, route, [index]) for index, route in enumerate(driven)]
 
 

@@ -1,5 +1,6 @@
 """Names that most modules use, and the modules that define them."""
 
+from survey.core.arguments import check_types as check_types
 from survey.core.arrays import BoolArray as BoolArray
 from survey.core.arrays import Bounds as Bounds
 from survey.core.arrays import DataObject as DataObject

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from survey.core import InputError, Section, same_crs
-from survey.core.arguments import check_types
+from survey.core import InputError, Section, check_types, same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -14,8 +14,15 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from survey.core import BoolArray, DataObject, FloatArray, InputError, same_crs, same_vertical_datum
-from survey.core.arguments import check_types
+from survey.core import (
+    BoolArray,
+    DataObject,
+    FloatArray,
+    InputError,
+    check_types,
+    same_crs,
+    same_vertical_datum,
+)
 from survey.data.area import SurveyArea
 from survey.data.conversions import html_table
 from survey.data.dem import Dem
