@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from planners.capacity import require_cells, require_error_nodes, require_samples
 from survey import ConfigError, Dem, Grid, InputError, Route, SurveyArea
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.kernels import Kernel

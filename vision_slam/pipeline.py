@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from survey import Recording
 from survey.core import FloatArray, Progress, check_types
 from survey.data.ice_motion import IceMotion
-from survey.data.recording import Recording
 from survey.reconstruction.motion.epoch import in_ice_frame
 from survey.reconstruction.motion.stakes import motion_with_stakes
 from vision_slam.agreement.drive import Drive, check_images, measure_motion, process_images

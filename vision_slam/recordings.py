@@ -13,7 +13,7 @@ import numpy as np
 from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.frames import ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.bags import is_bag, read_bag

@@ -36,7 +36,7 @@ from planners.planning import planned_on, require_cover
 from planners.prediction import places
 from planners.routes.traversability import Drivable, drivable
 from survey import Dem, Route, SurveyArea
-from survey.core.arrays import FloatArray, Progress
+from survey.core import FloatArray, Progress
 
 STAKED_M = 0.02
 """Shared error that is left after two stakes, each measured to 3 cm [m]."""

@@ -15,7 +15,7 @@ import shapely
 from planners.capacity import require_lines
 from planners.config import Corner, SwathConfig
 from survey import InputError, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 _SHORTEST_M = 0.01
 """Cutting leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""

@@ -24,7 +24,7 @@ from sim.mission.localization import estimate_drive, seen_drive
 from sim.mission.losses import account_of_losses, loss_on, with_drawn_losses, write_account
 from sim.simulate.simulated_drive import DRIVE_FILE, Ending
 from sim.world.site import World, build_world
-from survey.core.documents import read_json, write_json
+from survey.core import read_json, write_json
 from survey.core.executors import run_all
 from survey.data.sensors.odometry import DriveTies
 from survey.reconstruction.joint.drives import SeveralDrives

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from sim.config.mission import SensorConfig
 from sim.simulate.simulated_drive import ONBOARD
 from survey import InputError, Recording, Trajectory, Truth
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray
 from survey.core.run_folder import RunFolder
 from survey.data.sensors.odometry import Odometry
 from vision_slam import LocalizationConfig

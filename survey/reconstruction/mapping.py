@@ -8,11 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from survey.core import InputError, Section, check_types, same_crs
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean

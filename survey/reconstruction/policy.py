@@ -18,11 +18,7 @@ from typing import Any
 import numpy as np
 
 from survey.core import InputError, Progress, same_crs
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.mapping import chosen_method, run
 from survey.reconstruction.method import MappedTerrain, MappingTask
 from survey.reconstruction.observations import sound_points

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from survey.core.errors import InputError
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.core import InputError
+from survey.data import Grid, SurfacePoints
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.mapping import require_heights
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings

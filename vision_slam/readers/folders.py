@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from survey import Camera, ConfigError, InputError
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.frames import Frames, ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.calibrations import FORWARD, calibrated_camera

@@ -18,7 +18,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from survey.core import BoolArray, FloatArray, IntArray, validated
-from survey.data.surface_points import SurfacePoints
+from survey.data import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m
 from survey.reconstruction.carving.descent import (

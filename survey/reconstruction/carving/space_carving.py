@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core import FloatArray, InputError, IntArray, checked, same_crs, stream
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction.carving.carved_surface import (
     CarvedSurface,
     CarvingFrame,

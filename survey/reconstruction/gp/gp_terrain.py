@@ -20,9 +20,7 @@ from shapely import MultiPolygon, Polygon
 
 from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked
 from survey.core.map_scale import scale_factors
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import EngineName
 from survey.reconstruction.gp.fit import MOST_AT_ONCE, Learned, TerrainFit, steepness_on_axes

@@ -8,7 +8,7 @@ import numpy as np
 from affine import Affine
 
 from survey.core import Bounds, InputError, validated
-from survey.data.dem import Dem
+from survey.data import Dem
 from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import EngineName, fit_process

@@ -19,10 +19,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
 from survey.core import FloatArray, IntArray, stream
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, SurfacePoints, SurveyArea
 from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.checks import HeldOut, HeldOutGroups, PredictiveCheck, RmseClaim, sampled_nodes
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters

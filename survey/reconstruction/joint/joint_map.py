@@ -5,11 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 from survey.core import Bounds, FloatArray, same_crs
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
 from survey.reconstruction.joint.cross_validation import averaged, checked_map

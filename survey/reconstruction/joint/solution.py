@@ -13,11 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import FloatArray
-from survey.data.dem import Dem
-from survey.data.grid import Grid
+from survey.core import FloatArray
+from survey.data import Dem, Grid, SurfacePoints
 from survey.data.path_error import POSE, PathError
-from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.checks import HeldOut
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.regression import PolynomialTrend

@@ -9,9 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from survey.core.arrays import Bounds, FloatArray
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.core import Bounds, FloatArray
+from survey.data import PathError, SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.engines.fourier_basis import (
     FourierBasis,

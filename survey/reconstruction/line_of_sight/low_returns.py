@@ -7,8 +7,8 @@ returns, or a line of sight to such a return, would cut a hole as wide as it is 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.surface_points import SurfacePoints
+from survey.core import BoolArray, FloatArray, IntArray
+from survey.data import SurfacePoints
 
 # Neighbours in plan that state where the ground is.
 _N_NEIGHBOURS = 24

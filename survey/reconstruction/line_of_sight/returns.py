@@ -19,7 +19,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from survey.core import BoolArray, CapacityError, FloatArray, InputError, IntArray
-from survey.data.surface_points import SurfacePoints
+from survey.data import SurfacePoints
 
 # A neighbourhood is 3 × 3 cells; where it holds too few points, one of cells four times as wide is used.
 _CELL_M, _WIDER = 1.0, 4.0
