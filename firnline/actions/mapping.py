@@ -35,14 +35,12 @@ from survey.io.column_names import parse_columns
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
-from survey.reconstruction.mapping import within
+from survey.reconstruction.mapping import map_landmarks, map_scans, within
 from survey.reconstruction.method import MappedTerrain, ScanSettings
 from survey.reconstruction.motion.epoch import at_epoch, with_age
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.observations import SoundPoints, sound_points
 from survey.reconstruction.payload import map_payload, payload_grid, write_payload
-from survey.reconstruction.policy import map_landmarks
-from survey.reconstruction.scan_map import map_scans
 from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.fusion.pose_constraints import tie_drives
 

@@ -27,7 +27,7 @@ from sim.world.site import SharedWorld
 from survey.core import check_types, write_json
 from survey.core.run_folder import STAGES, RunFolder
 from survey.reconstruction.joint.drives import SeveralDrives
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import map_landmarks
 
 logger = logging.getLogger(__name__)
 

@@ -35,7 +35,7 @@ from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core import FloatArray, stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, map_surveys
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import map_landmarks
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 from survey.terrain.synthetic import ice_micro_relief, random_dem
 from vision_slam import localize

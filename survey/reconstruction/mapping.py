@@ -1,21 +1,47 @@
-"""Terrain reconstruction from points, in one call."""
+"""Terrain reconstruction from points or scans by a method of the registry.
 
-from collections.abc import Sequence
+`reconstruct` maps points in one call. Missions, Monte Carlo studies and the command map landmarks by `map_landmarks`, so that
+all of them follow the same rules:
+
+* points that name keyframes, of a path whose error is known, are mapped jointly with it (gp becomes joint), unless
+  ``landmark_errors`` says that they count as independent;
+* a joint map takes the prior's cells as measurements; another map is built around the prior, and points beyond its
+  edge are left out;
+* gross blunders of the heights are left out and named in the record;
+* lines of sight bound the map when ``rays`` is set.
+
+`map_scans` maps scans one after the other.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from survey.core import InputError, Section, check_types, same_crs
+from survey.core import InputError, Progress, Section, check_types, same_crs
 from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.line_of_sight.low_returns import without_low_returns
-from survey.reconstruction.method import MappedTerrain, MappingTask, MethodSettings, ReconstructionMethod
-from survey.reconstruction.observations import sound_points
-from survey.reconstruction.registry import METHODS, LandmarkErrors, method_named, names_where
+from survey.reconstruction.line_of_sight.returns import without_low_returns
+from survey.reconstruction.method import (
+    MappedTerrain,
+    MappingTask,
+    MethodSettings,
+    ReconstructionMethod,
+    ScanSettings,
+)
+from survey.reconstruction.observations import sound_points, without_blunders
+from survey.reconstruction.registry import (
+    METHODS,
+    LandmarkErrors,
+    ReconstructionConfig,
+    method_named,
+    names_where,
+)
 from survey.reconstruction.terrain_map import ELEVATION, UNSEEN, Reconstruction
 
 
@@ -226,3 +252,107 @@ def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:
         lower=cut(result.lower) if result.lower else None,
         upper=cut(result.upper) if result.upper else None,
     )
+
+
+logger = logging.getLogger(__name__)
+
+
+def map_landmarks(
+    points: SurfacePoints,
+    grid: Grid,
+    config: ReconstructionConfig,
+    *,
+    prior: Dem | None = None,
+    path: PathError | None = None,
+    quantity: str = ELEVATION,
+    progress: Progress | None = None,
+    area: SurveyArea | None = None,
+    blunders: Sequence[Mapping[str, Any]] | None = None,
+) -> MappedTerrain:
+    """Map landmarks as the settings say."""
+    prior = prior if config.use_prior else None
+    method = chosen_method(config.method, path, config.landmark_errors)
+    if blunders is None:
+        points, blunders = sound_points(points, quantity, has_area=area is not None)
+    if not method.needs_path:
+        points = prepared(points, prior, config.landmark_errors)
+        path = None
+    prior = prior if method.uses_prior else None
+    configs = config.configs_of(method)
+    task = MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress, area, blunders)
+    mapped = run(method, task)
+    return mapped._replace(n_points=len(points))
+
+
+def prepared(points: SurfacePoints, prior: Dem | None, landmark_errors: LandmarkErrors) -> SurfacePoints:
+    """Return points for a map that takes their errors as independent."""
+    if landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
+    return points if prior is None else within_prior(points, prior)
+
+
+def within_prior(points: SurfacePoints, prior: Dem) -> SurfacePoints:
+    """Leave out points beyond the prior's edge, where there is nothing to build around, and log their number."""
+    same_crs(points.crs, prior.crs, "the points and the prior")
+    known = np.isfinite(prior.at(points.xy))
+    if not known.any():
+        raise InputError(
+            f"none of the {len(points)} points lies on the prior; take a prior of the same place, or leave it out."
+        )
+    if not known.all():
+        logger.warning(
+            "%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points)
+        )
+    return points.select(known)
+
+
+class ScanMap(NamedTuple):
+    """A map, and the number of scans that it was made from."""
+
+    reconstruction: Reconstruction
+    n_scans: int
+
+
+def map_scans(
+    scans: Iterable[SurfacePoints],
+    method: ReconstructionMethod,
+    settings: ScanSettings,
+    *,
+    grid: Grid | None = None,
+    on_scan: Callable[[int], None] = lambda _: None,
+) -> ScanMap:
+    """Map scans one after the other.
+
+    Gross blunders and isolated returns below the ground are left out of every scan, and with lines of sight also returns
+    from what overhangs the ground.
+    """
+    if method.begin is None:
+        raise InputError(f"the method {method.name} maps points, not scans; take field, emap or carving.")
+    if settings.rays and method.sight_lines == "none":
+        raise InputError(
+            f"the method {method.name} uses no lines of sight; take field or carving, or leave the rays out."
+        )
+    model = method.begin(settings)
+    n_scans = n_low_returns = 0
+    blunders: list[dict[str, Any]] = []
+    for n_scans, scan in enumerate(scans, start=1):
+        without_low, n_low = without_low_returns(scan)
+        accepted, found = without_blunders(without_low)
+        if len(found.rows):
+            blunders.append({"scan": n_scans, "sentence": found.sentence(by_row=False), **found.facts()})
+        n_low_returns += n_low
+        model.update(_ground_of(accepted) if settings.rays else accepted)
+        on_scan(n_scans)
+    if n_scans == 0:
+        raise InputError("there are no scans; at least one is needed.")
+    result = model.grid(model.full_grid(settings.step_m) if grid is None else grid)
+    diagnostics = {**result.diagnostics, "n_low_returns": n_low_returns}
+    if blunders:
+        diagnostics["blunders"] = blunders
+    return ScanMap(require_heights(replace(result, diagnostics=diagnostics)), n_scans)
+
+
+def _ground_of(scan: SurfacePoints) -> SurfacePoints:
+    from survey.reconstruction.line_of_sight.returns import ground
+
+    return scan.select(ground(scan.xyz))

@@ -13,8 +13,7 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.mapping import chosen_method
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import chosen_method, map_landmarks
 from survey.reconstruction.registry import ReconstructionConfig
 
 CRS = "EPSG:32608"
