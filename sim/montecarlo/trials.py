@@ -51,7 +51,7 @@ class TrialTerrains:
         self.study = study
         self.kind = study.terrains[block.terrain]
         self.trials = range(block.first, block.first + block.n)
-        self.dems = [draw_terrain(study, self.kind, trial) for trial in self.trials]
+        self.dems = [generate_terrain(study, self.kind, trial) for trial in self.trials]
         self.area = SurveyArea.rectangle(self.dems[0].grid().bounds, self.dems[0].crs)
         self.nodes = map_nodes(self.area, study.map_step_m)
         self.actual = np.column_stack([dem.at(self.nodes.xy) for dem in self.dems])
@@ -78,7 +78,7 @@ def map_nodes(area: SurveyArea, step_m: float) -> Grid:
     return Grid((x0, y0, x0 + (columns - 1) * step_m, y0 + (rows - 1) * step_m), step_m, area.crs)
 
 
-def draw_terrain(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
+def generate_terrain(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
     """Return the terrain of one trial."""
     rng = stream(study.seed, "terrain", kind.name, trial)
     if isinstance(kind, ConditionalKind):

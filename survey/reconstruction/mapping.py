@@ -26,7 +26,6 @@ from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.line_of_sight.returns import without_low_returns
 from survey.reconstruction.method import (
     MappedTerrain,
     MappingTask,
@@ -120,17 +119,17 @@ def reconstruct(
     >>> reconstruct(corners, Grid((0.0, 0.0, 2.0, 2.0), 1.0), method="tin").mean.elevation[2]
     array([0., 1., 2.])
     """
-    chosen = chosen_method(method, path)
+    chosen = choose_method(method, path)
     if kernel is not None:
         config = _with_kernel(chosen, config, kernel)
     configs = MethodSettings.of(*(given for given in (config, joint) if given is not None))
     _require_kinds(chosen, [config] if config is not None else [])
     task = MappingTask(points, grid, prior, path, value, configs, rays, area=area)
-    result = run(chosen, task).reconstruction
-    return result if area is None else within(result, area)
+    result = run_method(chosen, task).reconstruction
+    return result if area is None else cut_to_area(result, area)
 
 
-def chosen_method(
+def choose_method(
     name: str, path: PathError | None, landmark_errors: LandmarkErrors = "joint"
 ) -> ReconstructionMethod:
     """Return the method of a name; gp becomes joint where the points share the path's error."""
@@ -138,23 +137,27 @@ def chosen_method(
     return method_named("joint" if name == "gp" and shares else name)
 
 
-def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
+def run_method(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
     """Check the points, run a method, and bound its map by lines of sight where it does not do so itself."""
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
     method.require_room(task.grid.bounds, task.grid.step_m, task.configs)
     uses_sight_lines = task.rays or method.begin is not None
-    points, n_low = without_low_returns(task.points) if uses_sight_lines else (task.points, 0)
+    points, n_low = task.points, 0
+    if uses_sight_lines:
+        # Here, because compiled support is only needed with lines of sight.
+        from survey.reconstruction.line_of_sight.returns import without_low_returns
+
+        points, n_low = without_low_returns(points)
     task = _with_sound_points(replace(task, points=points))
     # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
         mapped = method.run(task)
     if task.rays and method.sight_lines == "truncation":
-        # Here, because compiled support is only needed with lines of sight.
         from survey.reconstruction.line_of_sight.ceiling import below_sight_lines
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
-    require_heights(mapped.reconstruction)
+    _require_heights(mapped.reconstruction)
     found: dict[str, Any] = {"n_low_returns": n_low} if uses_sight_lines else {}
     if task.blunders:
         found["blunders"] = list(task.blunders)
@@ -177,7 +180,7 @@ def _with_findings(mapped: MappedTerrain, found: dict[str, Any]) -> MappedTerrai
     return mapped._replace(reconstruction=replace(mapped.reconstruction, diagnostics=diagnostics))
 
 
-def require_heights(result: Reconstruction) -> Reconstruction:
+def _require_heights(result: Reconstruction) -> Reconstruction:
     """Return a map, or refuse one without a height at any node."""
     if not np.isfinite(result.mean.elevation).any():
         raise InputError(
@@ -232,7 +235,7 @@ def _require_fit(method: ReconstructionMethod, task: MappingTask) -> None:
         )
 
 
-def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:
+def cut_to_area(result: Reconstruction, area: SurveyArea) -> Reconstruction:
     """Return the map with NaN outside an area; refuse an area that holds no node."""
     area.require_crs(result.mean.crs, "the map")
     inside = area.contains(result.mean.xy).reshape(result.mean.shape)
@@ -271,27 +274,27 @@ def map_landmarks(
 ) -> MappedTerrain:
     """Map landmarks as the settings say."""
     prior = prior if config.use_prior else None
-    method = chosen_method(config.method, path, config.landmark_errors)
+    method = choose_method(config.method, path, config.landmark_errors)
     if blunders is None:
         points, blunders = sound_points(points, quantity, has_area=area is not None)
     if not method.needs_path:
-        points = prepared(points, prior, config.landmark_errors)
+        points = _prepare(points, prior, config.landmark_errors)
         path = None
     prior = prior if method.uses_prior else None
     configs = config.configs_of(method)
     task = MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress, area, blunders)
-    mapped = run(method, task)
+    mapped = run_method(method, task)
     return mapped._replace(n_points=len(points))
 
 
-def prepared(points: SurfacePoints, prior: Dem | None, landmark_errors: LandmarkErrors) -> SurfacePoints:
+def _prepare(points: SurfacePoints, prior: Dem | None, landmark_errors: LandmarkErrors) -> SurfacePoints:
     """Return points for a map that takes their errors as independent."""
     if landmark_errors == "independent" and points.own_covariance is not None:
         points = replace(points, covariance=points.own_covariance)
-    return points if prior is None else within_prior(points, prior)
+    return points if prior is None else _select_on_prior(points, prior)
 
 
-def within_prior(points: SurfacePoints, prior: Dem) -> SurfacePoints:
+def _select_on_prior(points: SurfacePoints, prior: Dem) -> SurfacePoints:
     """Leave out points beyond the prior's edge, where there is nothing to build around, and log their number."""
     same_crs(points.crs, prior.crs, "the points and the prior")
     known = np.isfinite(prior.at(points.xy))
@@ -326,6 +329,8 @@ def map_scans(
     Gross blunders and isolated returns below the ground are left out of every scan, and with lines of sight also returns
     from what overhangs the ground.
     """
+    from survey.reconstruction.line_of_sight.returns import ground, without_low_returns
+
     if method.begin is None:
         raise InputError(f"the method {method.name} maps points, not scans; take field, emap or carving.")
     if settings.rays and method.sight_lines == "none":
@@ -341,7 +346,7 @@ def map_scans(
         if len(found.rows):
             blunders.append({"scan": n_scans, "sentence": found.sentence(by_row=False), **found.facts()})
         n_low_returns += n_low
-        model.update(_ground_of(accepted) if settings.rays else accepted)
+        model.update(accepted.select(ground(accepted.xyz)) if settings.rays else accepted)
         on_scan(n_scans)
     if n_scans == 0:
         raise InputError("there are no scans; at least one is needed.")
@@ -349,10 +354,4 @@ def map_scans(
     diagnostics = {**result.diagnostics, "n_low_returns": n_low_returns}
     if blunders:
         diagnostics["blunders"] = blunders
-    return ScanMap(require_heights(replace(result, diagnostics=diagnostics)), n_scans)
-
-
-def _ground_of(scan: SurfacePoints) -> SurfacePoints:
-    from survey.reconstruction.line_of_sight.returns import ground
-
-    return scan.select(ground(scan.xyz))
+    return ScanMap(_require_heights(replace(result, diagnostics=diagnostics)), n_scans)

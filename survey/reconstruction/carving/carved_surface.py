@@ -339,11 +339,6 @@ def pass_of(tally: Tally, length_m: float, validationrmse_m: float) -> Pass:
     )
 
 
-def root_mean_square(errors: FloatArray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(errors**2)))
-
-
 Codes = npt.NDArray[np.uint8]
 
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import FloatArray, InputError, IntArray, checked, same_crs, stream
+from survey.core import FloatArray, InputError, IntArray, checked, root_mean_square, same_crs, stream
 from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction.carving.carved_surface import (
     CarvedSurface,
@@ -20,7 +20,6 @@ from survey.reconstruction.carving.carved_surface import (
     Pass,
     pass_of,
     read_carving,
-    root_mean_square,
     support_of_nodes,
     write_carving,
 )
