@@ -23,7 +23,6 @@ from survey.reconstruction.gp.engines.fourier_basis import (
 )
 from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
-from survey.reconstruction.joint.cross_validation import averaged, checked_map
 from survey.reconstruction.joint.kernel_choice import (
     ChosenKernel,
     PlaneResiduals,
@@ -41,7 +40,14 @@ from survey.reconstruction.joint.shared_errors import (
     dominant_modes,
     with_shared_relief,
 )
-from survey.reconstruction.joint.solution import JointMap, JointSolution, MapAverage, StatedSolution
+from survey.reconstruction.joint.solution import (
+    JointMap,
+    JointSolution,
+    MapAverage,
+    StatedSolution,
+    averaged,
+    checked_map,
+)
 from survey.reconstruction.terrain_model import local_datum_m
 
 # A slope needs fewer waves than a map.
