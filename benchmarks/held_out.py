@@ -38,8 +38,8 @@ from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.checks import HeldOut, PredictiveCheck, PredictiveScores
-from survey.reconstruction.joint.cross_validation import check_by_swaths, checked_map, held_out_swaths
 from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.joint.solution import check_by_swaths, checked_map, held_out_swaths
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.scoring import certificate
 from vision_slam import LocalizationConfig, localize

@@ -31,9 +31,8 @@ from sim.simulate.error_model import (
     correlated_sigma_deg,
     mean_square_change_deg2,
     odometry_errors,
-    root_mean_square,
 )
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core.arrays import BoolArray, FloatArray, root_mean_square
 from survey.data.recording import Recording
 from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory

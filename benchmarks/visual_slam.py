@@ -41,8 +41,8 @@ from vision_slam.evaluation import absolute_errors_m
 from vision_slam.motion import MotionSensors
 from vision_slam.odometry.bundle_adjustment import half_turned
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.sequence import scale_by_reference
+from vision_slam.recordings import read_sequence
 
 # The settings were chosen on seeds 11 to 13 and 21 to 25. With seed 28 the rover is stuck on a hummock for good after
 # 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off.

@@ -3,7 +3,7 @@
 Each limit keeps a plan within about 2 GB and a few minutes on two cores.
 """
 
-from survey.core.errors import CapacityError
+from survey import CapacityError
 
 MOST_LINES = 8_000
 """Swaths over an area: the table of transits takes 16 n² bytes, so that this many fill one gigabyte."""

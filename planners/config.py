@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from survey import Dem, SurveyArea
-from survey.core.config import Section
+from survey.core import Section
 from survey.core.map_scale import NOTABLE, MapScale
 
 Corner = Literal["south-west", "south-east", "north-west", "north-east"]

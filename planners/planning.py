@@ -22,8 +22,7 @@ from planners.routes.fleet import departures
 from planners.routes.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots, predicted
 from planners.routes.traversability import Drivable, drivable
 from survey import ConfigError, Dem, InputError, Route, SurveyArea
-from survey.core.arguments import check_types
-from survey.core.arrays import BoolArray, FloatArray, Progress
+from survey.core import BoolArray, FloatArray, Progress, check_types
 from survey.core.map_scale import MapScale
 from survey.reconstruction.gp.kernels import Kernel
 

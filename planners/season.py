@@ -37,7 +37,7 @@ from planners.planning import planned_on
 from planners.prediction import places
 from planners.routes.traversability import drivable
 from survey import ConfigError, Dem, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 Unit = Literal["m w.e.", "%"]
 

@@ -18,7 +18,7 @@ from planners.capacity import require_waypoints
 from planners.routes.rover import Mobility, predicted
 from planners.steering import Attitude, AttitudeSensor, Steering, SteeringState
 from survey import InputError, Leg, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 
 @dataclass(frozen=True)

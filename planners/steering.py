@@ -15,7 +15,7 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from planners.config import SwathConfig
 from survey import Dem, InputError
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 
 
 class SteeredConfig(SwathConfig):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import Compass, GpsFixes, Inertial
 from vision_slam.readers.sequence import VisionRecords

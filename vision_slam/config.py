@@ -11,7 +11,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
 
-from survey.core.config import Section
+from survey.core import Section
 
 _UNKNOWN_START_M = 100.0
 _UNKNOWN_HEADING_DEG = 5.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from survey import Recording, SurfacePoints, Trajectory
-from survey.core.arrays import BoolArray, DataObject, FloatArray
+from survey.core import BoolArray, DataObject, FloatArray
 from survey.data.ice_motion import IceMotion
 from survey.reconstruction.motion.epoch import in_fixed_frame
 from vision_slam.attitude import quaternions, rotations

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.attitude import chained, quaternion_products, rotations

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.core.arguments import check_types
-from survey.core.arrays import FloatArray, Progress
+from survey import Recording
+from survey.core import FloatArray, Progress, check_types
 from survey.data.ice_motion import IceMotion
-from survey.data.recording import Recording
 from survey.reconstruction.motion.epoch import in_ice_frame
 from survey.reconstruction.motion.stakes import motion_with_stakes
 from vision_slam.agreement.drive import Drive, check_images, measure_motion, process_images
@@ -25,7 +24,12 @@ from vision_slam.fusion.smoother import SmoothedPath, place_landmarks, smooth
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.readers.sequence import ImageSequence
 
-_UNIT = 1e-6
+_UNIT_SCALE_SIGMA = 1e-6
+"""Error of a scale that is the unit of the path."""
+# On moving ice, checks of start, gates and memory of the fixes take the motion for exact: they are repeated about the motion
+# that was found where this moves a fix by more than this share of its claimed error.
+_CLOSE = 0.1
+_MOST_PASSES = 4
 
 
 @check_types
@@ -92,23 +96,23 @@ def localize(
         visual = process_images(recording, visual_config, progress)
     if motion is not None:
         return _localize_on_ice(recording, settings, visual, motion)
-    return _localize(recording, settings, visual)
+    return _localize_on_ground(recording, settings, visual)
 
 
-def _localize(
+def _localize_on_ground(
     recording: Recording, config: LocalizationConfig, visual: VisualOdometry | None
 ) -> Localization:
-    """Measure the motion, run the steps, and smooth."""
+    """Measure the motion, bring odometry and fixes into agreement step by step, and smooth; the ground stands still."""
     if recording.odometry is None and visual is None:
         return Localization.of_fixes(recording, config)
     drive = measure_motion(recording, config, visual)
     for step in STEPS:
         drive = step(drive)
     path = smooth(drive.recording, drive.path, drive.config)
-    return _localization(note_delay(drive, path), path)
+    return _result_of(note_delay(drive, path), path)
 
 
-def _localization(drive: Drive, path: SmoothedPath) -> Localization:
+def _result_of(drive: Drive, path: SmoothedPath) -> Localization:
     """Return smoothed poses and landmarks, and the causal path of the drive with all its fixes."""
     before = drive.with_all_fixes
     trajectory, is_lost = path.trajectory(drive.recording), before.is_contradicted
@@ -129,32 +133,6 @@ def _localization(drive: Drive, path: SmoothedPath) -> Localization:
     )
 
 
-def localize_images(
-    images: ImageSequence,
-    config: LocalizationConfig | None = None,
-    *,
-    visual_config: VisualOdometryConfig | None = None,
-    progress: Progress | None = None,
-) -> DriveEstimate:
-    """Estimate path and landmarks of images without fixes, in the frame of the first image."""
-    visual = process_images(images, visual_config, progress)
-    has_wheels = images.wheels is not None and not visual.ignores_wheels
-    check_images(visual, has_wheels=has_wheels)
-    errors = (config or LocalizationConfig()).with_image_errors(visual.scale_drift_sigma)
-    # Without wheels the scale is the unit of the path; with them it is theirs.
-    scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT
-    errors = errors.model_copy(update={"scale_sigma": scale_sigma})
-    estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
-    note = visual.mounting_note(images.camera)
-    return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))
-
-
-# Checks of start, gates and memory of the fixes take the motion for exact: they are repeated about the motion that was
-# found where this moves a fix by more than this share of its claimed error.
-_CLOSE = 0.1
-_MOST_PASSES = 4
-
-
 def _localize_on_ice(
     recording: Recording, config: LocalizationConfig, visual: VisualOdometry | None, motion: IceMotion
 ) -> Localization:
@@ -163,7 +141,7 @@ def _localize_on_ice(
         motion = motion_with_stakes(motion, recording.stake_surveys)
     about = motion.about(motion.expected)
     for _ in range(_MOST_PASSES):
-        found = _localize(in_ice_frame(recording, about), config, visual)
+        found = _localize_on_ground(in_ice_frame(recording, about), config, visual)
         if found.ice_motion is None:
             break
         if _most_moved_m(about, found.ice_motion, recording) < _CLOSE * config.fix_sigma_m:
@@ -184,3 +162,23 @@ def _most_moved_m(about: IceMotion, found: IceMotion, recording: Recording) -> f
     places = recording.gps.position[[0, -1], :2]
     apart = found.displacement(places, ends) - about.displacement(places, ends)
     return float(np.abs(apart).max())
+
+
+def localize_images(
+    images: ImageSequence,
+    config: LocalizationConfig | None = None,
+    *,
+    visual_config: VisualOdometryConfig | None = None,
+    progress: Progress | None = None,
+) -> DriveEstimate:
+    """Estimate path and landmarks of images without fixes, in the frame of the first image."""
+    visual = process_images(images, visual_config, progress)
+    has_wheels = images.wheels is not None and not visual.ignores_wheels
+    check_images(visual, has_wheels=has_wheels)
+    errors = (config or LocalizationConfig()).with_image_errors(visual.scale_drift_sigma)
+    # Without wheels the scale is the unit of the path; with them it is theirs.
+    scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT_SCALE_SIGMA
+    errors = errors.model_copy(update={"scale_sigma": scale_sigma})
+    estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
+    note = visual.mounting_note(images.camera)
+    return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))

@@ -6,7 +6,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from survey import Camera, InputError
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.frames import Frames, Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
 from vision_slam.attitude import initial_pose

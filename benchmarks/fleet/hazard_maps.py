@@ -10,7 +10,7 @@ from sim.world.site import build_world
 from survey.data.grid import Grid
 from survey.reconstruction.hazards import BASE_M, slope_hazard
 from survey.reconstruction.joint.drives import SeveralDrives
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import map_landmarks
 
 _NODES_M = 6.0
 # Slopes over 2 m need ground that is finer: a raster of 2 m has no relief shorter than 4 m.

@@ -17,8 +17,8 @@ from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.checks import sampled_nodes
 from survey.reconstruction.joint.drives import SeveralDrives
+from survey.reconstruction.mapping import map_landmarks
 from survey.reconstruction.method import MappedTerrain
-from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.terrain_map import CLAIM, Reconstruction
 from vision_slam import localize
 

@@ -19,9 +19,8 @@ from benchmarks.report import cpu_seconds
 from survey.data.dem import Dem
 from survey.reconstruction.checks import PredictiveScores
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.joint.cross_validation import checked_map, held_out_swaths
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.solution import JointSolution
+from survey.reconstruction.joint.solution import JointSolution, checked_map, held_out_swaths
 from survey.reconstruction.prior import SatelliteErrors
 from survey.reconstruction.terrain_map import CLAIM, Reconstruction
 from survey.scoring import certificate

@@ -25,10 +25,10 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest
-from survey.reconstruction.joint.cross_validation import checked_map
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.kernel_choice import PointsOnly
 from survey.reconstruction.joint.shared_errors import SharedError
+from survey.reconstruction.joint.solution import checked_map
 from survey.reconstruction.prior import SatelliteErrors
 from vision_slam import LocalizationConfig, localize
 

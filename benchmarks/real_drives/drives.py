@@ -12,8 +12,8 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Wheels
-from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.sequence import ImageSequence
+from vision_slam.recordings import read_sequence
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 _GAP_S = 1.0

@@ -124,14 +124,12 @@ class GuaranteedPlan(PlanResult):
 
     def facts(self) -> dict[str, Any]:
         """Return files, pattern, probabilities and assumptions."""
-        from planners.swaths.reference_lines import count_lines
-
         made = self.guarantee
         limit_m = made.requirement.limit_m
         return {
             **self.request.written,
             "pattern": made.config.pattern,
-            "lines": count_lines(made.route),
+            "lines": made.route.n_lines,
             "swaths": len(made.route.swaths),
             "length_m": made.length_m,
             "limit_m": limit_m,

@@ -35,14 +35,12 @@ from survey.io.column_names import parse_columns
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
-from survey.reconstruction.mapping import within
+from survey.reconstruction.mapping import cut_to_area, map_landmarks, map_scans
 from survey.reconstruction.method import MappedTerrain, ScanSettings
 from survey.reconstruction.motion.epoch import at_epoch, with_age
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.observations import SoundPoints, sound_points
 from survey.reconstruction.payload import map_payload, payload_grid, write_payload
-from survey.reconstruction.policy import map_landmarks
-from survey.reconstruction.scan_map import map_scans
 from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.fusion.pose_constraints import tie_drives
 
@@ -333,7 +331,7 @@ def _map_points(request: MapRequest, progress: Progress) -> MapResult:
         blunders=blunders,
     )
     moved, motion = _on_ice(mapped, request)
-    result = moved if area is None else within(moved, area)
+    result = moved if area is None else cut_to_area(moved, area)
     corrected: list[survey.Trajectory] = []
     if mapped.correction is not None:
         parts = drives.corrections(mapped.correction)
@@ -406,7 +404,7 @@ def _map_scans(request: MapRequest, progress: Progress) -> MapResult:
         grid=grid,
         on_scan=lambda n: progress("scans", n, max(len(files), n)),
     )
-    result = made.reconstruction if area is None else within(made.reconstruction, area)
+    result = made.reconstruction if area is None else cut_to_area(made.reconstruction, area)
     return MapResult(request=request, reconstruction=result, origin=f"from {made.n_scans} scans")
 
 

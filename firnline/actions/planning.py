@@ -68,9 +68,7 @@ class AreaPlanResult(PlanResult):
 
     def facts(self) -> dict[str, Any]:
         """Return files, counts and predictions."""
-        from planners.swaths.reference_lines import count_lines
-
-        counts = {"lines": count_lines(self.route), "swaths": len(self.route.swaths)}
+        counts = {"lines": self.route.n_lines, "swaths": len(self.route.swaths)}
         return self.request.written | counts | dict(self.route.prediction)
 
     def lines(self) -> list[str]:

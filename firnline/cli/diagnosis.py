@@ -184,11 +184,11 @@ def extra_findings() -> list[Finding]:
 
 def physics_finding() -> Finding:
     """Check whether a rigid-body engine can be imported."""
-    from sim.vehicle.rigid_bodies import choose_engine
+    from sim.vehicle.rigid_bodies import choose_physics
     from survey.core.errors import ConfigError
 
     try:
-        return Finding("physics engine", choose_engine("contact"))
+        return Finding("physics engine", choose_physics("contact"))
     except ConfigError as error:
         return Finding(
             "physics engine",

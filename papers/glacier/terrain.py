@@ -19,13 +19,11 @@ from PIL import Image
 import planners
 import survey
 from planners.registry import steering_of
-from planners.steered_paths import rollout
-from planners.steering import attitude_sensor
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.world import RandomTerrain, SceneryConfig
 from sim.montecarlo.results import SummaryRow, write_rows
 from sim.simulate.simulation import simulate_statistical
-from sim.simulate.steering import add_attitude_errors
+from sim.simulate.steering import AttitudeErrors, drive_steered
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey import Leg, Route, SurfacePoints
@@ -183,10 +181,10 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     steering = steering_of(config)
     if steering is None:
         raise TypeError("the piecewise-continuous pattern is steered")
-    errors = stream(mission.seed, "steering", "sensed")
-    exact = attitude_sensor(world.terrain)
-    sense = add_attitude_errors(exact, mission.sensors, mission.rover.speed_m_s, [errors])
-    driven = rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
+    sensed = [stream(mission.seed, "steering", "sensed")]
+    errors = AttitudeErrors(mission.sensors, mission.rover.speed_m_s, sensed)
+    rngs = [stream(SEED, "fig7")]
+    driven = drive_steered(world.area, reference, steering, world.terrain, rngs=rngs, errors=errors)[0]
     write_quantized(
         folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven)
     )

@@ -34,7 +34,7 @@ from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
 from survey import InputError, Leg, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""

@@ -36,8 +36,8 @@ from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
 from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.prediction import slope_length_m, spread_places
-from survey.core.arrays import FloatArray
-from survey.data.area import SurveyArea
+from survey import SurveyArea
+from survey.core import FloatArray
 from survey.reconstruction.gp.kernel_search import Cell
 
 _FREEDOM = 4.0

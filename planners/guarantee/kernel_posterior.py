@@ -34,7 +34,7 @@ from scipy.linalg import cho_factor, cho_solve, lapack
 from planners.guarantee.requirement import SURFACES, MapRequirement, Surface, roughness_elsewhere
 from planners.prediction import slope_length_m
 from survey import Dem, InputError, SurveyArea
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.reconstruction.gp.families import SearchedFamily
 from survey.reconstruction.gp.kernel_search import ALL, Cell, KernelSearch
 from survey.reconstruction.gp.kernels import Kernel, Stationary

@@ -29,7 +29,7 @@ from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
-from survey.core.errors import ConfigError
+from survey import ConfigError
 from survey.reconstruction.gp.families import SearchedFamily
 from survey.reconstruction.gp.kernel_search import ALL
 from survey.scoring.standards.map_classes import map_classes

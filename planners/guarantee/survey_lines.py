@@ -21,7 +21,7 @@ from planners.swaths.decomposition import clip_lines
 from planners.swaths.heading import across_marked_grain
 from planners.swaths.reference_lines import axes_of, shortened
 from survey import Dem, Route, SurveyArea
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 
 _INSET_SHARE = 0.25
 

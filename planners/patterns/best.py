@@ -21,7 +21,7 @@ from planners.prediction import ErrorModel
 from planners.routes.rover import Crew
 from planners.swaths.reference_lines import narrowest_heading
 from survey import InputError, Route, SurveyArea
-from survey.core.arrays import Progress
+from survey.core import Progress
 
 
 class BestConfig(PatternConfig):

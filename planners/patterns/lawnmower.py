@@ -5,7 +5,7 @@ from typing import Literal
 from planners.config import SwathConfig
 from planners.patterns.planner import LayoutTask, Planner
 from planners.swaths.reference_lines import Swath
-from survey.data.route import Route
+from survey import Route
 
 
 class LawnmowerConfig(SwathConfig):

@@ -13,7 +13,7 @@ import numpy as np
 from planners.patterns.lawnmower import straight_layout
 from planners.patterns.planner import Planner
 from planners.steering import Attitude, ConfiguredSteering, SteeredConfig, SteeringState
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 
 class PiecewiseContinuousConfig(SteeredConfig):

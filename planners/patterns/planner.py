@@ -8,7 +8,7 @@ from planners.config import PatternConfig
 from planners.routes.rover import Crew
 from planners.steering import Steering
 from survey import InputError, Route, SurveyArea
-from survey.core.arrays import Progress
+from survey.core import Progress
 
 if TYPE_CHECKING:
     # A configuration is imported without the packages that predict errors.

@@ -18,7 +18,7 @@ from planners.patterns.planner import LayoutTask, Planner, always
 from planners.prediction import ErrorModel
 from planners.swaths.reference_lines import towards
 from survey import InputError, Leg, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 
 

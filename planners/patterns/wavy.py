@@ -19,7 +19,7 @@ from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner
 from planners.swaths.reference_lines import Swath
 from survey import ConfigError, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 
 class WavyConfig(SwathConfig):

@@ -17,7 +17,7 @@ from planners.routes.rover import Mobility, Turning, effort
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import Tours
 from survey import ConfigError, Dem, InputError, Leg
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 
 
 class FleetRows:

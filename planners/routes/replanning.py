@@ -13,7 +13,7 @@ from planners.routes.fleet import share
 from planners.routes.rover import Rover
 from planners.routes.shortest_paths import FreeGround
 from survey import ConfigError, Dem, InputError, Leg, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 _SHORTEST_M = 1.0
 """Pieces of swaths shorter than this are not driven again [m]."""

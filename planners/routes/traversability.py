@@ -19,7 +19,7 @@ from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
 from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
 from survey import Dem, InputError, SurveyArea
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray
 
 
 def roughness(dem: Dem) -> FloatArray:

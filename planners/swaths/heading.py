@@ -9,7 +9,7 @@ from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import swaths_on
 from planners.swaths.reference_lines import axes_of, narrowest_heading
 from survey import Dem, InputError
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 _MOST_EDGES = 24
 _MARKED = 3.0

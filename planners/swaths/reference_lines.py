@@ -1,8 +1,8 @@
 """Reference lines of a survey: parallel, evenly spaced, cut to the free ground.
 
 `reference_lines` lays them over the bounds of an area in the direction and at the spacing of a `SwathConfig`; a
-`Swath` is what is driven along one of them. A concave border or no-go ground cuts a line into several pieces:
-`count_lines` counts the lines of a route, and `swaths_text` states lines and pieces.
+`Swath` is what is driven along one of them. `swaths_text` states the lines of a route, and the pieces that a concave border
+or no-go ground cuts them into.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import shapely
 from planners.capacity import require_lines
 from planners.config import Corner, SwathConfig
 from survey import InputError, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 _SHORTEST_M = 0.01
 """Cutting leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
@@ -161,45 +161,12 @@ def _from_corner(
     return tuple(best)
 
 
-_APART_M = 0.01
-
-
-def count_lines(route: Route) -> int:
-    """Return the number of straight lines that the swaths of a route lie on.
-
-    A concave border or no-go ground cuts a line into several swaths.
-
-    Returns: at most ``len(route.swaths)``.
-
-    >>> from survey import Leg
-    >>> legs = (Leg("swath", [[0.0, 0.0], [4.0, 0.0]]), Leg("transit", [[4.0, 0.0], [6.0, 0.0]]),
-    ...         Leg("swath", [[6.0, 0.0], [9.0, 0.0]]))
-    >>> count_lines(Route(legs, "EPSG:32608", "lawnmower"))
-    1
-    """
-    axes = np.array([swath.axis for swath in route.swaths])
-    axes -= axes.mean(axis=(0, 1))
-    along = axes[:, 1] - axes[:, 0]
-    lengths = np.hypot(*along.T)
-    left: list[int] = list(np.argsort(-lengths, kind="stable"))
-    n = 0
-    while left:
-        # The longest axis left gives the direction of its line best.
-        first = left[0]
-        direction = along[first] / lengths[first]
-        normal = np.array([-direction[1], direction[0]])
-        off = np.abs((axes[left] - axes[first, 0]) @ normal).max(axis=1)
-        left = [index for index, distance in zip(left, off, strict=True) if distance > _APART_M]
-        n += 1
-    return n
-
-
 def swaths_text(route: Route) -> str:
     """Return the number of swaths in words, with the number of lines where some are cut into pieces.
 
     Returns: such as ``"4 swaths"`` or ``"4 lines in 6 pieces"``.
     """
-    n_lines, n_pieces = count_lines(route), len(route.swaths)
+    n_lines, n_pieces = route.n_lines, len(route.swaths)
     if n_lines < n_pieces:
         return f"{n_lines} line{'s' * (n_lines > 1)} in {n_pieces} pieces"
     return f"{n_pieces} swath{'s' * (n_pieces > 1)}"

@@ -22,7 +22,7 @@ from planners.swaths.decomposition import clip_lines, swaths_on
 from planners.swaths.heading import heading_by
 from planners.swaths.reference_lines import ReferenceLines, Swath, reference_lines, shortened
 from survey import Leg, Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 SwathShape = Callable[[list[FloatArray], float], list[Swath]]
 """Returns what is driven along axes, each (2, 2) [m], that are a spacing [m] apart."""

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from planners import Fleet, Rover
-from survey.core.config import Section
+from survey.core import Section
 from survey.data.sensors.payload import Quantity
 
 

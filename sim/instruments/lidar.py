@@ -7,17 +7,20 @@ wrong range, and some come from snow that is blown about near the scanner. `Heig
 surface of the elevations, exact to rounding.
 """
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation, Slerp
 
+from sim.config.mission import MissionConfig
 from sim.config.sensors import LidarConfig
 from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import exact_drive
-from survey import Dem, Trajectory
+from survey import Dem, Trajectory, Truth
 from survey.core import FloatArray, stream
+from survey.data.recording import table_file
 from survey.data.sensors.lidar import LidarReturns, LidarScans, Scanner, minute_of, n_minutes
 
 _FLAT = 1e-12
@@ -170,6 +173,14 @@ def draw_lidar(drive: StatisticalDrive) -> LidarScans | None:
         return None
     motion, _ = exact_drive(drive.terrain, drive.route, mission.rover.speed_m_s, _INTERVAL_S)
     return scans_along(motion, drive.terrain, config, mission.seed)
+
+
+def record_scans(truth: Truth, mission: MissionConfig, folder: Path) -> None:
+    """Write the scans of a drive into the folder of its recording, where the mission has a LiDAR."""
+    config = mission.sensors.lidar
+    if config.beams:
+        scans = scans_along(truth.trajectory, truth.dem, config, mission.seed)
+        scans.write(folder / table_file("lidar"))
 
 
 def scans_along(motion: Trajectory, terrain: Dem, config: LidarConfig, seed: int) -> LidarScans:

@@ -13,7 +13,7 @@ from sim.config.sensors import InstrumentConfig
 from sim.config.world import LARGEST_STEP_M, DemTerrain, RandomTerrain, SampleTerrain
 from sim.world.site import SharedWorld, World
 from survey import CapacityError, Dem
-from survey.core.arrays import Bounds
+from survey.core import Bounds
 from survey.reconstruction.capacity import smallest_step_m
 from survey.reconstruction.registry import method_named
 

@@ -14,10 +14,10 @@ import survey
 from sim.config.mission import MissionConfig
 from sim.instruments.environment import PayloadField
 from sim.mission.fleet import drive_folders
-from survey.core.documents import write_json
+from survey import Truth
+from survey.core import write_json
 from survey.core.run_folder import RunFolder
 from survey.data.sensors.payload import PayloadLog, Quantity
-from survey.data.truth import Truth
 from survey.reconstruction.hazards import BASE_M, hazard_grid, slope_hazard
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.payload import map_payload, payload_grid, write_payload

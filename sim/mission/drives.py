@@ -11,17 +11,15 @@ import survey
 from planners.registry import steering_of
 from planners.routes.replanning import cut_short
 from planners.routes.traversability import drivable
-from planners.steered_paths import WaypointSteering, rollout
-from planners.steering import attitude_sensor
+from planners.steered_paths import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.instruments.environment import record_payload
-from sim.instruments.lidar import scans_along
+from sim.instruments.lidar import record_scans
 from sim.mission.losses import loss_on
 from sim.simulate.simulation import simulate_ideal, simulate_statistical
-from sim.simulate.steering import SteeredPath, add_attitude_errors
+from sim.simulate.steering import AttitudeErrors, SteeredPath, drive_steered
 from sim.world.site import World
 from survey.core import stream
-from survey.data.recording import table_file
 
 
 def simulate_drive(
@@ -70,10 +68,7 @@ def _drive_with_images(
         )
     (route if steering is None else steering.driven()).write(folder / "driven_route.geojson")
     driven.write(folder)
-    lidar = mission.sensors.lidar
-    if lidar.beams:
-        scans = scans_along(driven.truth.trajectory, driven.truth.dem, lidar, mission.seed)
-        scans.write(folder / "recording" / table_file("lidar"))
+    record_scans(driven.truth, mission, folder / "recording")
 
 
 def _steering_on_the_way(
@@ -99,9 +94,11 @@ def steer_route(route: survey.Route, world: World, mission: MissionConfig) -> su
     steering = steering_of(mission.planner)
     if steering is None:
         return route
-    sense = attitude_sensor(world.terrain)
+    errors = None
     if mission.fidelity == "statistical":
-        errors = stream(mission.seed, "steering", "sensed")
-        sense = add_attitude_errors(sense, mission.sensors, mission.rover.speed_m_s, [errors])
-    area = drivable_area(world, mission)
-    return rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
+        sensed = [stream(mission.seed, "steering", "sensed")]
+        errors = AttitudeErrors(mission.sensors, mission.rover.speed_m_s, sensed)
+    rngs = [stream(mission.seed, "steering")]
+    return drive_steered(
+        drivable_area(world, mission), route, steering, world.terrain, rngs=rngs, errors=errors
+    )[0]

@@ -20,11 +20,11 @@ from planners.routes.replanning import Loss, cut_short, remaining_swaths, replan
 from planners.routes.shortest_paths import FreeGround
 from sim.config.mission import MissionConfig
 from sim.mission.drives import drivable_area, simulate_drive
-from sim.mission.localization import estimate_drive, seen_drive
+from sim.mission.localization import localize_drive, seen_drive
 from sim.mission.losses import account_of_losses, loss_on, with_drawn_losses, write_account
 from sim.simulate.simulated_drive import DRIVE_FILE, Ending
 from sim.world.site import World, build_world
-from survey.core.documents import read_json, write_json
+from survey.core import read_json, write_json
 from survey.core.executors import run_all
 from survey.data.sensors.odometry import DriveTies
 from survey.reconstruction.joint.drives import SeveralDrives
@@ -88,10 +88,10 @@ def drive_alone(
         write_account(world, route, alone, folder)
 
 
-def estimate_fleet(mission: MissionConfig, simulated: Path, folder: Path, workers: int) -> None:
+def localize_fleet(mission: MissionConfig, simulated: Path, folder: Path, workers: int) -> None:
     """Localize every rover by its own recording."""
     rovers = range(len(drive_folders(simulated)))
-    _side_by_side(partial(_estimate_one, mission, simulated, folder), rovers, workers)
+    _side_by_side(partial(_localize_one, mission, simulated, folder), rovers, workers)
 
 
 def _drive_each(
@@ -119,11 +119,11 @@ def drive_rover(mission: MissionConfig, route: survey.Route, folder: Path, rover
             write_account(world, own, alone, place)
 
 
-def _estimate_one(mission: MissionConfig, simulated: Path, folder: Path, rover: int) -> None:
+def _localize_one(mission: MissionConfig, simulated: Path, folder: Path, rover: int) -> None:
     place = rover_folder(folder, rover)
     place.mkdir(parents=True)
     with threadpool_limits(limits=1):
-        estimate_drive(mission.of_rover(rover), rover_folder(simulated, rover), place)
+        localize_drive(mission.of_rover(rover), rover_folder(simulated, rover), place)
 
 
 def _next_loss(folder: Path, known: Sequence[Loss]) -> Loss | None:

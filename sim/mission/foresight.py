@@ -16,26 +16,23 @@ from scipy.special import gammainc
 import planners
 from planners.guarantee.survey_lines import smallest_sufficient
 from planners.planning import planned_on, require_cover
-from planners.prediction import spread_places
+from planners.prediction import covariance_of_cells, spread_places
 from planners.registry import planner_of
 from planners.routes.replanning import with_way_home
 from planners.routes.rover import Crew
 from planners.routes.traversability import drivable
-from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.localization import localize_recording
 from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
-from survey import ConfigError, Dem, GaussianProcessConfig, Grid, InputError, Route, SurfacePoints
-from survey.reconstruction.gp.marginal_likelihood import SMOOTH_TO_ROUGH, likeliest
+from survey import ConfigError, Dem, Grid, Route, SurfacePoints
 from survey.reconstruction.joint.joint_map import JointTerrain
 
 _N_NODES = 400
 _BEYOND_M = 60.0
 _STEP_M = 5.0
 _UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
-_N_LEAST = 9
 # Patterns whose number of swaths can be varied, with everything else fixed before the drive.
 _SIZED = (planners.LawnmowerConfig, planners.WavyConfig)
 # Where the search for a number of swaths begins.
@@ -100,7 +97,7 @@ def predict_survey(mission: MissionConfig, world: World, *, limit_m: float) -> P
     mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
     tie_lines = mission.planner.tie_lines if isinstance(mission.planner, _SIZED) else 0
     return PredictedSurvey(
-        count_lines(route) - tie_lines,
+        route.n_lines - tie_lines,
         mission.aids.stakes,
         float(np.sqrt(mean)),
         float(np.sqrt(covariance.mean())),
@@ -209,28 +206,6 @@ def _planned(mission: MissionConfig, world: World) -> Route:
     route = planned_on(drivable(world.area), world.area, mission.planner, crew=Crew(dem=world.prior))
     route = in_ice_order(route, mission, world)
     return with_way_home(route, world.area) if mission.aids.way_home else route
-
-
-def covariance_of_cells(
-    prior: Dem, bounds: tuple[float, float, float, float], sigma_m: float, nugget_m: float
-) -> GaussianProcessConfig:
-    """Fit the likeliest covariance about a plane to the cells of a prior.
-
-    `bounds` (4,): the cells within are used [m]. `sigma_m`, `nugget_m`: standard deviation of a cell, which
-    is no relief, and of relief that the cells do not show [m].
-    """
-    xy, height = prior.xy, prior.elevation.ravel()
-    near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)
-    if near.sum() < _N_LEAST:
-        raise InputError(
-            f"{int(near.sum())} known cells of the prior lie on the area; {_N_LEAST} are needed to fit a covariance."
-        )
-    columns = np.column_stack([np.ones(int(near.sum())), xy[near] - xy[near].mean(axis=0)])
-    rest = height[near] - columns @ np.linalg.lstsq(columns, height[near], rcond=None)[0]
-    noise_m2 = np.full(len(rest), sigma_m**2)
-    wanted = GaussianProcessConfig(nugget_m=0.0)
-    found = likeliest(xy[near], rest, noise_m2, wanted, candidates=SMOOTH_TO_ROUGH)
-    return GaussianProcessConfig(fit=False, kernel=found.kernel, nugget_m=nugget_m)
 
 
 def _read_beyond(prior: Dem, bounds: tuple[float, float, float, float]) -> Dem:

@@ -28,7 +28,7 @@ LANDMARKS, SCAN_POINTS = "surface_points.gpkg", "scan_points.gpkg"
 """Points that a drive is localized with, and those of its LiDAR scans."""
 
 
-def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> None:
+def localize_drive(mission: MissionConfig, simulated: Path, folder: Path) -> None:
     """Estimate path and landmarks from a recording, and from nothing else; write the causal path too.
 
     Images that the onboard computer has looked at are not looked at again.

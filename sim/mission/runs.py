@@ -26,8 +26,7 @@ from sim.config.mission import SCHEMA_VERSION, AreaConfig, MissionConfig
 from sim.config.world import DemTerrain, RandomTerrain
 from sim.mission.capacity import require_mission
 from sim.world.site import SharedWorld
-from survey.core import InputError, existing_file, printable, validated, with_overrides
-from survey.core.arguments import check_types
+from survey.core import InputError, check_types, existing_file, printable, validated, with_overrides
 from survey.core.config import read_toml, refuse_newer_schema
 from survey.core.documents import file_sha256
 from survey.core.replacement import refuse_unwritable, resolved

@@ -19,20 +19,20 @@ import survey
 from planners.routes.replanning import with_way_home
 from sim.config.mission import MissionConfig
 from sim.mission.derived_maps import map_hazards, map_payloads, score_payloads
-from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet, find_ties, tied_drives
-from sim.mission.localization import estimate_drive, mapped_points, path_scores, with_ice_motion
+from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, find_ties, localize_fleet, tied_drives
+from sim.mission.localization import localize_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.runs import refuse_other_versions
 from sim.world.moving_ice import in_ice_order, write_on_ice
 from sim.world.site import SharedWorld
-from survey.core.arguments import check_types
-from survey.core.documents import write_json
+from survey.core import check_types, write_json
 from survey.core.run_folder import STAGES, RunFolder
-from survey.data.truth import Truth
 from survey.reconstruction.joint.drives import SeveralDrives
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import map_landmarks
 
 logger = logging.getLogger(__name__)
 
+Stage = Callable[[MissionConfig, RunFolder, Path], None]
+"""Called with a mission, its run and the folder of the stage, into which it writes its files."""
 StageContext = Callable[[str], AbstractContextManager[object]]
 """Called with a stage's name; gives the context in which the stage runs, to show or time it."""
 
@@ -74,10 +74,13 @@ def run_mission(
     _refuse_mixed_versions(run, wanted)
     n = len(os.sched_getaffinity(0)) if workers is None else workers
     shared = world or SharedWorld(mission)
-    stages = _STAGES | {
-        "plan": partial(plan, world=shared),
-        "simulate": partial(simulate, world=shared, workers=n),
-        "localize": partial(estimate, workers=n),
+    stages: dict[str, Stage] = {
+        "plan": partial(_plan, world=shared),
+        "simulate": partial(_simulate, world=shared, workers=n),
+        "localize": partial(_localize, workers=n),
+        "reconstruct": _reconstruct,
+        "score": _score,
+        "report": _report,
     }
     with threadpool_limits(limits=1):  # one order of sums keeps the bytes, and spinning threads are slower
         for name in wanted:
@@ -99,22 +102,22 @@ def _refuse_mixed_versions(run: RunFolder, wanted: Sequence[str]) -> None:
         refuse_other_versions(run.manifest["versions"], f"the run {run.path}", remedy)
 
 
-def plan(mission: MissionConfig, run: RunFolder, folder: Path, *, world: SharedWorld) -> None:
+def _plan(mission: MissionConfig, run: RunFolder, folder: Path, *, world: SharedWorld) -> None:
     """Plan the route from the area and the prior alone."""
-    made = world.get()
-    made.area.write(folder / "area.gpkg")
-    made.prior.write(folder / "prior.tif")
-    route = planners.plan(made.area, made.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
-    route = in_ice_order(route, mission, made)
+    site = world.get()
+    site.area.write(folder / "area.gpkg")
+    site.prior.write(folder / "prior.tif")
+    route = planners.plan(site.area, site.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
+    route = in_ice_order(route, mission, site)
     if mission.aids.way_home:
-        route = with_way_home(route, made.area)
+        route = with_way_home(route, site.area)
     route.write(folder / "route.geojson")
     if mission.ice is not None:
         write_on_ice(route, mission, folder)
 
 
-def simulate(
-    mission: MissionConfig, run: RunFolder, folder: Path, *, world: SharedWorld, workers: int = 1
+def _simulate(
+    mission: MissionConfig, run: RunFolder, folder: Path, *, world: SharedWorld, workers: int
 ) -> None:
     """Drive the route of each rover over the real terrain and record what it senses."""
     route = survey.Route.read(run.folder("plan") / "route.geojson")
@@ -124,13 +127,13 @@ def simulate(
         drive_alone(world.get(), route, mission, folder, workers)
 
 
-def estimate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:
-    """Estimate path and landmarks of each rover from its recording, and from nothing else."""
+def _localize(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int) -> None:
+    """Localize each rover, and the landmarks that it saw, by its recording and by nothing else."""
     simulated = run.folder("simulate")
     if drive_folders(simulated) == [simulated]:
-        estimate_drive(mission, simulated, folder)
+        localize_drive(mission, simulated, folder)
     else:
-        estimate_fleet(mission, simulated, folder, _processes(mission, workers))
+        localize_fleet(mission, simulated, folder, _processes(mission, workers))
         find_ties(simulated, folder)
 
 
@@ -139,15 +142,15 @@ def _processes(mission: MissionConfig, workers: int) -> int:
     return workers if mission.fidelity == "vision" else 1
 
 
-def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Map the terrain from the surface points and the prior; a joint map corrects the path too."""
-    config = mission.reconstruction
+def _reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Map the terrain from the landmarks of all rovers and the prior; a joint map corrects the paths too."""
+    config, localized = mission.reconstruction, run.folder("localize")
     area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
-    places = drive_folders(run.folder("localize"))
+    places = drive_folders(localized)
     points = [mapped_points(place) for place in places]
     paths = [survey.Trajectory.read(place / "trajectory.csv", area.crs) for place in places]
     drives = SeveralDrives.of([(seen, path.error) for seen, path in zip(points, paths, strict=True)])
-    drives = tied_drives(drives, paths, run.folder("localize"), mission)
+    drives = tied_drives(drives, paths, localized, mission)
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     mapped = map_landmarks(drives.points, grid, config, prior=prior, path=drives.path, area=area)
@@ -156,20 +159,20 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     mapped.reconstruction.write(folder)
     if mapped.correction is not None:
         for place, path, part in zip(places, paths, drives.corrections(mapped.correction), strict=True):
-            below = folder / place.relative_to(run.folder("localize"))
+            below = folder / place.relative_to(localized)
             below.mkdir(exist_ok=True)
             part.applied(path).write(below / "corrected_trajectory.csv")
     map_hazards(mission, run, folder, mapped)
     map_payloads(mission, run, folder, mapped.reconstruction)
 
 
-def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+def _score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     """Judge the map and the path of each rover against the truth."""
     simulated, localized = run.folder("simulate"), run.folder("localize")
     places = drive_folders(simulated)
     judged = survey.score(
         survey.Reconstruction.read(run.folder("reconstruct")),
-        truth=Truth.read(places[0] / "truth").dem,
+        truth=survey.Truth.read(places[0] / "truth").dem,
         route=survey.Route.read(simulated / "driven_route.geojson"),
         area=survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
         sample_step_m=mission.score.sample_step_m,
@@ -183,15 +186,8 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     score_payloads(mission, run, folder)
 
 
-def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Put everything on one page."""
+def _report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Write the report page of plan, drive, map and scores."""
     from sim.mission.report import write_mission_report  # here, because matplotlib takes a second to import
 
     write_mission_report(folder, run)
-
-
-_STAGES: dict[str, Callable[[MissionConfig, RunFolder, Path], None]] = {
-    "reconstruct": reconstruct,
-    "score": score,
-    "report": report,
-}

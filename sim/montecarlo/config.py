@@ -23,8 +23,8 @@ from planners.registry import PlannerConfig, planner_config
 from sim.config.mission import SCHEMA_VERSION, PlacedSection, SensorConfig
 from sim.config.rover import RoverConfig
 from sim.config.world import SatelliteConfig, TerrainFamily
+from survey import ConfigError
 from survey.core.config import Section, read_toml, refuse_newer_schema, validated, with_overrides
-from survey.core.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.families import SearchedFamily

@@ -28,8 +28,8 @@ from sim.montecarlo.results import (
     write_tables,
 )
 from sim.montecarlo.trials import survey_block
+from survey import CapacityError, ConfigError, InputError
 from survey.core.documents import RECORD, is_intact, read_json, with_checksum, write_json, write_record
-from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.executors import Engine, run_all
 from survey.core.replacement import refuse_unwritable, replacing_files
 from survey.reconstruction.capacity import smallest_step_m

@@ -16,8 +16,6 @@ import planners
 import survey
 from planners.prediction import places
 from planners.registry import planner_of, steering_of
-from planners.steered_paths import rollout
-from planners.steering import attitude_sensor
 from sim.montecarlo.config import (
     ConditionalKind,
     Design,
@@ -31,13 +29,13 @@ from sim.montecarlo.config import (
     TrialBlock,
 )
 from sim.simulate.simulation import mission_of_drive, simulate_statistical
-from sim.simulate.steering import add_attitude_errors
+from sim.simulate.steering import AttitudeErrors, drive_steered
 from sim.world.site import erroneous_copy
 from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core import FloatArray, stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, map_surveys
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import map_landmarks
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain
 from survey.terrain.synthetic import ice_micro_relief, random_dem
 from vision_slam import localize
@@ -53,7 +51,7 @@ class TrialTerrains:
         self.study = study
         self.kind = study.terrains[block.terrain]
         self.trials = range(block.first, block.first + block.n)
-        self.dems = [draw_terrain(study, self.kind, trial) for trial in self.trials]
+        self.dems = [generate_terrain(study, self.kind, trial) for trial in self.trials]
         self.area = SurveyArea.rectangle(self.dems[0].grid().bounds, self.dems[0].crs)
         self.nodes = map_nodes(self.area, study.map_step_m)
         self.actual = np.column_stack([dem.at(self.nodes.xy) for dem in self.dems])
@@ -80,7 +78,7 @@ def map_nodes(area: SurveyArea, step_m: float) -> Grid:
     return Grid((x0, y0, x0 + (columns - 1) * step_m, y0 + (rows - 1) * step_m), step_m, area.crs)
 
 
-def draw_terrain(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
+def generate_terrain(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
     """Return the terrain of one trial."""
     rng = stream(study.seed, "terrain", kind.name, trial)
     if isinstance(kind, ConditionalKind):
@@ -148,14 +146,10 @@ def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     if steering is None:
         return [Driven(design, route, everyone)]
     trials = [(trial, design.label, design.swaths) for trial in world.trials]
-    sense = add_attitude_errors(
-        attitude_sensor(world.dems),
-        world.study.sensors,
-        world.study.rover.speed_m_s,
-        [world.stream("sensed attitude", *trial) for trial in trials],
-    )
+    sensed = [world.stream("sensed attitude", *trial) for trial in trials]
+    errors = AttitudeErrors(world.study.sensors, world.study.rover.speed_m_s, sensed)
     rngs = [world.stream("steering", *trial) for trial in trials]
-    driven = rollout(world.area, route, steering, sense, rngs)
+    driven = drive_steered(world.area, route, steering, world.dems, rngs=rngs, errors=errors)
     return [Driven(design, route, [index]) for index, route in enumerate(driven)]
 
 

@@ -32,8 +32,8 @@ from sim.rendering.footprint import Footprints
 from sim.rendering.visibility import RowRays
 from sim.world.appearance import sun_direction
 from sim.world.fine_terrain import FineTerrain, band_limited_field
+from survey import Camera
 from survey.core import FloatArray, stream
-from survey.data.camera import Camera
 from survey.data.frames import Image
 
 HAZE_RADIANCE = 0.92

@@ -69,7 +69,7 @@ from sim.rendering.visibility import (
 from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
 from sim.world.fine_terrain import FineTerrain
 from survey import Camera, InputError
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.frames import Image
 
 _ROWS_AT_ONCE = 8

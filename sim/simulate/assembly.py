@@ -21,8 +21,8 @@ from sim.vehicle.motion import HeightField, KinematicRover, Physics
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rigid_bodies import ContactRover
 from sim.world.fine_terrain import FineTerrain
+from survey import Camera
 from survey.core import FloatArray, stream
-from survey.data.camera import Camera
 from survey.data.frames import Image
 
 

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from sim.config.mission import SensorConfig
 from sim.simulate.simulated_drive import ONBOARD
 from survey import InputError, Recording, Trajectory, Truth
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray, root_mean_square
 from survey.core.run_folder import RunFolder
 from survey.data.sensors.odometry import Odometry
 from vision_slam import LocalizationConfig
@@ -238,8 +238,3 @@ def _by_range(drives: Sequence[DriveErrors], power: int) -> tuple[float, float]:
     if slope < 0.0:
         return float(sigma.mean()), 0.0
     return (float(constant), float(slope)) if constant > 0.0 else (0.0, float(np.mean(sigma / middle**power)))
-
-
-def root_mean_square(values: FloatArray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(values**2)))

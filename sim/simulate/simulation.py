@@ -39,8 +39,7 @@ from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import exact_drive, poses_at_rest
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from survey import ConfigError, Dem, Recording, Route, Truth
-from survey.core import same_crs, stream
-from survey.core.arguments import check_types
+from survey.core import check_types, same_crs, stream
 from survey.data.sensors.records import GpsFixes
 
 logger = logging.getLogger(__name__)

@@ -1,21 +1,50 @@
 """Steering by what the rover senses: attitudes with errors, and a path that is chosen while driving.
 
-Patterns that are steered by slope get roll and pitch and nothing else of the ground. `add_attitude_errors` draws their
-errors for drives without images. `SteeredPath` grows the path of a drive in images, from the roll and pitch that the
+Patterns that are steered by slope get roll and pitch and nothing else of the ground. `drive_steered` drives by
+them without images, and `add_attitude_errors` draws their errors. `SteeredPath` grows the path of a drive in images, from the roll and pitch that the
 accelerometer gives at the estimated pose.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from planners.steered_paths import WaypointSteering
-from planners.steering import Attitude, AttitudeSensor
+from planners.steered_paths import WaypointSteering, rollout
+from planners.steering import Attitude, AttitudeSensor, Steering, attitude_sensor
 from sim.config.mission import SensorConfig
 from sim.simulate.navigator import PoseEstimate
 from sim.vehicle.pursuit import PurePursuit
-from survey.core.arrays import BoolArray, FloatArray
+from survey import Dem, Route, SurveyArea
+from survey.core import BoolArray, FloatArray
 from survey.data.recording import Readings
+
+
+class AttitudeErrors(NamedTuple):
+    """Errors of the sensed attitudes: sensors, speed of the rovers [m/s], and one random generator for each rover."""
+
+    sensors: SensorConfig
+    speed_m_s: float
+    rngs: Sequence[np.random.Generator]
+
+
+def drive_steered(
+    area: SurveyArea,
+    reference: Route,
+    steering: Steering,
+    terrain: Dem | Sequence[Dem],
+    *,
+    rngs: Sequence[np.random.Generator],
+    errors: AttitudeErrors | None = None,
+) -> list[Route]:
+    """Return the routes of rovers without images that follow the attitude that they sense on the terrain.
+
+    `rngs`: those of the steering, one for each rover. Without `errors` the attitudes are exact.
+    """
+    sense = attitude_sensor(terrain)
+    if errors is not None:
+        sense = add_attitude_errors(sense, *errors)
+    return rollout(area, reference, steering, sense, rngs)
 
 
 def add_attitude_errors(

@@ -30,7 +30,7 @@ from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.moving_ice import epoch_of, moving_ice
 from survey import ConfigError, Dem, InputError, Route, Trajectory, Truth
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.frames import Frames, FrameWriter
 from survey.data.recording import Readings, Recording
 

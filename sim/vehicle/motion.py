@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from planners import Rover
 from sim.config.rover import PhysicsConfig
 from survey import Dem, InputError, Route, Trajectory
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 Vector = tuple[float, float, float]
 

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 
 from sim.config.rover import PhysicsConfig
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 _SPACING_M = 0.1
 _SEARCHED_M = 3.0

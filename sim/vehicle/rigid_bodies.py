@@ -112,7 +112,7 @@ def added(values: Iterable[float]) -> float:
 _MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
 
 
-def choose_engine(name: str) -> str:
+def choose_physics(name: str) -> str:
     """Return the rigid-body engine that a mission asks for; ``contact`` means the first one installed."""
     wanted = list(_MODULES) if name == "contact" else [name]
     for engine in wanted:
@@ -128,7 +128,7 @@ def choose_engine(name: str) -> str:
 
 def rigid_bodies(bodies: RoverBodies, patch: GroundPatch) -> RigidBodies:
     """Return the rover and its ground in the engine of the configuration."""
-    if choose_engine(bodies.config.engine) == "bullet":
+    if choose_physics(bodies.config.engine) == "bullet":
         return BulletBodies(bodies, patch)
     return MujocoBodies(bodies, patch)
 

@@ -11,7 +11,7 @@ from rasterio.features import shapes
 from rasterio.transform import Affine
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 FloatGrid = npt.NDArray[np.float32]
 HazardKind = Literal["crevasse", "bridged crevasse", "melt channel", "melt pool", "dirt cone"]

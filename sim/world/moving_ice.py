@@ -21,7 +21,6 @@ from pyproj import CRS
 
 from planners import LawnmowerConfig, WavyConfig
 from planners.routes.rover import predicted
-from planners.swaths.reference_lines import count_lines
 from sim.config.mission import MissionConfig
 from sim.config.world import IceAssumptions, IceConfig
 from sim.world.site import World
@@ -169,7 +168,7 @@ def in_ice_order(route: Route, mission: MissionConfig, world: World) -> Route:
         return route
     if (
         not isinstance(mission.planner, LawnmowerConfig | WavyConfig)
-        or count_lines(route) < len(route.swaths)
+        or route.n_lines < len(route.swaths)
         or mission.rover.turn_radius_m > 0.0
     ):
         raise ConfigError(

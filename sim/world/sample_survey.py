@@ -7,7 +7,7 @@ from pyproj import CRS
 
 from planners import LawnmowerConfig, plan
 from survey import Dem, Grid, Route, SurfacePoints, SurveyArea
-from survey.core.arguments import check_types
+from survey.core import check_types
 from survey.terrain import matern_field
 
 _CRS = CRS("EPSG:32608")

@@ -1,5 +1,6 @@
 """Names that most modules use, and the modules that define them."""
 
+from survey.core.arguments import check_types as check_types
 from survey.core.arrays import BoolArray as BoolArray
 from survey.core.arrays import Bounds as Bounds
 from survey.core.arrays import DataObject as DataObject
@@ -9,6 +10,7 @@ from survey.core.arrays import Progress as Progress
 from survey.core.arrays import ReadOnlyMapping as ReadOnlyMapping
 from survey.core.arrays import checked as checked
 from survey.core.arrays import frozen as frozen
+from survey.core.arrays import root_mean_square as root_mean_square
 from survey.core.config import Section as Section
 from survey.core.config import validated as validated
 from survey.core.config import with_overrides as with_overrides

@@ -182,3 +182,12 @@ class ReadOnlyMapping(Mapping[K, V]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._values,)
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the root mean square.
+
+    >>> root_mean_square(np.array([1.0, -7.0]))
+    5.0
+    """
+    return float(np.sqrt(np.mean(values**2)))

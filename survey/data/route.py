@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 LegKind = Literal["swath", "transit"]
 
+_APART_M = 0.01
+"""Distance from a straight line within which a swath lies on it [m]."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Leg(DataObject):
@@ -172,6 +175,31 @@ class Route(DataObject):
     def swaths(self) -> tuple[Leg, ...]:
         """The legs that are measured along."""
         return tuple(leg for leg in self.legs if leg.kind == "swath")
+
+    @property
+    def n_lines(self) -> int:
+        """Number of straight lines that the swaths lie on; a concave border or no-go ground cuts a line into several swaths.
+
+        >>> legs = (Leg("swath", [[0.0, 0.0], [4.0, 0.0]]), Leg("transit", [[4.0, 0.0], [6.0, 0.0]]),
+        ...         Leg("swath", [[6.0, 0.0], [9.0, 0.0]]))
+        >>> Route(legs, "EPSG:32608", "lawnmower").n_lines
+        1
+        """
+        axes = np.array([swath.axis for swath in self.swaths])
+        axes -= axes.mean(axis=(0, 1))
+        along = axes[:, 1] - axes[:, 0]
+        lengths = np.hypot(*along.T)
+        left: list[int] = list(np.argsort(-lengths, kind="stable"))
+        n = 0
+        while left:
+            # The longest axis left gives the direction of its line best.
+            first = left[0]
+            direction = along[first] / lengths[first]
+            normal = np.array([-direction[1], direction[0]])
+            off = np.abs((axes[left] - axes[first, 0]) @ normal).max(axis=1)
+            left = [index for index, distance in zip(left, off, strict=True) if distance > _APART_M]
+            n += 1
+        return n
 
     def path(self, rover: int = 0) -> FloatArray:
         """Return one rover's waypoints (N, 2) [m], without repeated ones.

@@ -13,8 +13,7 @@ import numpy as np
 import shapely
 
 from survey.core import FloatArray, stream
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
+from survey.data import Dem, SurveyArea
 from survey.reconstruction.terrain_map import BEYOND, Reconstruction
 
 # Share of the extent, beyond the points, within which the fitted kernel holds.

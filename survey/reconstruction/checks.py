@@ -20,7 +20,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import chdtr, chdtrc, chdtri, ndtr, ndtri
 
-from survey.core.arrays import DataObject, FloatArray, IntArray
+from survey.core import DataObject, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,7 @@ from scipy.special import ndtr
 from shapely.geometry import shape
 
 from survey.core import BoolArray, FloatArray, InputError, write_json
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.route import Route
+from survey.data import Dem, Grid, Route, SurveyArea
 from survey.io.raster import write_raster
 from survey.reconstruction.joint.solution import JointSolution
 from survey.reconstruction.terrain_map import Reconstruction

@@ -1,26 +1,46 @@
-"""Terrain reconstruction from points, in one call."""
+"""Terrain reconstruction from points or scans by a method of the registry.
 
-from collections.abc import Sequence
+`reconstruct` maps points in one call. Missions, Monte Carlo studies and the command map landmarks by `map_landmarks`, so that
+all of them follow the same rules:
+
+* points that name keyframes, of a path whose error is known, are mapped jointly with it (gp becomes joint), unless
+  ``landmark_errors`` says that they count as independent;
+* a joint map takes the prior's cells as measurements; another map is built around the prior, and points beyond its
+  edge are left out;
+* gross blunders of the heights are left out and named in the record;
+* lines of sight bound the map when ``rays`` is set.
+
+`map_scans` maps scans one after the other.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from survey.core import InputError, Section, same_crs
-from survey.core.arguments import check_types
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.core import InputError, Progress, Section, check_types, same_crs
+from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.line_of_sight.low_returns import without_low_returns
-from survey.reconstruction.method import MappedTerrain, MappingTask, MethodSettings, ReconstructionMethod
-from survey.reconstruction.observations import sound_points
-from survey.reconstruction.registry import METHODS, LandmarkErrors, method_named, names_where
+from survey.reconstruction.method import (
+    MappedTerrain,
+    MappingTask,
+    MethodSettings,
+    ReconstructionMethod,
+    ScanSettings,
+)
+from survey.reconstruction.observations import sound_points, without_blunders
+from survey.reconstruction.registry import (
+    METHODS,
+    LandmarkErrors,
+    ReconstructionConfig,
+    method_named,
+    names_where,
+)
 from survey.reconstruction.terrain_map import ELEVATION, UNSEEN, Reconstruction
 
 
@@ -99,17 +119,17 @@ def reconstruct(
     >>> reconstruct(corners, Grid((0.0, 0.0, 2.0, 2.0), 1.0), method="tin").mean.elevation[2]
     array([0., 1., 2.])
     """
-    chosen = chosen_method(method, path)
+    chosen = choose_method(method, path)
     if kernel is not None:
         config = _with_kernel(chosen, config, kernel)
     configs = MethodSettings.of(*(given for given in (config, joint) if given is not None))
     _require_kinds(chosen, [config] if config is not None else [])
     task = MappingTask(points, grid, prior, path, value, configs, rays, area=area)
-    result = run(chosen, task).reconstruction
-    return result if area is None else within(result, area)
+    result = run_method(chosen, task).reconstruction
+    return result if area is None else cut_to_area(result, area)
 
 
-def chosen_method(
+def choose_method(
     name: str, path: PathError | None, landmark_errors: LandmarkErrors = "joint"
 ) -> ReconstructionMethod:
     """Return the method of a name; gp becomes joint where the points share the path's error."""
@@ -117,23 +137,27 @@ def chosen_method(
     return method_named("joint" if name == "gp" and shares else name)
 
 
-def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
+def run_method(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
     """Check the points, run a method, and bound its map by lines of sight where it does not do so itself."""
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
     method.require_room(task.grid.bounds, task.grid.step_m, task.configs)
     uses_sight_lines = task.rays or method.begin is not None
-    points, n_low = without_low_returns(task.points) if uses_sight_lines else (task.points, 0)
+    points, n_low = task.points, 0
+    if uses_sight_lines:
+        # Here, because compiled support is only needed with lines of sight.
+        from survey.reconstruction.line_of_sight.returns import without_low_returns
+
+        points, n_low = without_low_returns(points)
     task = _with_sound_points(replace(task, points=points))
     # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
         mapped = method.run(task)
     if task.rays and method.sight_lines == "truncation":
-        # Here, because compiled support is only needed with lines of sight.
         from survey.reconstruction.line_of_sight.ceiling import below_sight_lines
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
-    require_heights(mapped.reconstruction)
+    _require_heights(mapped.reconstruction)
     found: dict[str, Any] = {"n_low_returns": n_low} if uses_sight_lines else {}
     if task.blunders:
         found["blunders"] = list(task.blunders)
@@ -156,7 +180,7 @@ def _with_findings(mapped: MappedTerrain, found: dict[str, Any]) -> MappedTerrai
     return mapped._replace(reconstruction=replace(mapped.reconstruction, diagnostics=diagnostics))
 
 
-def require_heights(result: Reconstruction) -> Reconstruction:
+def _require_heights(result: Reconstruction) -> Reconstruction:
     """Return a map, or refuse one without a height at any node."""
     if not np.isfinite(result.mean.elevation).any():
         raise InputError(
@@ -211,7 +235,7 @@ def _require_fit(method: ReconstructionMethod, task: MappingTask) -> None:
         )
 
 
-def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:
+def cut_to_area(result: Reconstruction, area: SurveyArea) -> Reconstruction:
     """Return the map with NaN outside an area; refuse an area that holds no node."""
     area.require_crs(result.mean.crs, "the map")
     inside = area.contains(result.mean.xy).reshape(result.mean.shape)
@@ -231,3 +255,103 @@ def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:
         lower=cut(result.lower) if result.lower else None,
         upper=cut(result.upper) if result.upper else None,
     )
+
+
+logger = logging.getLogger(__name__)
+
+
+def map_landmarks(
+    points: SurfacePoints,
+    grid: Grid,
+    config: ReconstructionConfig,
+    *,
+    prior: Dem | None = None,
+    path: PathError | None = None,
+    quantity: str = ELEVATION,
+    progress: Progress | None = None,
+    area: SurveyArea | None = None,
+    blunders: Sequence[Mapping[str, Any]] | None = None,
+) -> MappedTerrain:
+    """Map landmarks as the settings say."""
+    prior = prior if config.use_prior else None
+    method = choose_method(config.method, path, config.landmark_errors)
+    if blunders is None:
+        points, blunders = sound_points(points, quantity, has_area=area is not None)
+    if not method.needs_path:
+        points = _prepare(points, prior, config.landmark_errors)
+        path = None
+    prior = prior if method.uses_prior else None
+    configs = config.configs_of(method)
+    task = MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress, area, blunders)
+    mapped = run_method(method, task)
+    return mapped._replace(n_points=len(points))
+
+
+def _prepare(points: SurfacePoints, prior: Dem | None, landmark_errors: LandmarkErrors) -> SurfacePoints:
+    """Return points for a map that takes their errors as independent."""
+    if landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
+    return points if prior is None else _select_on_prior(points, prior)
+
+
+def _select_on_prior(points: SurfacePoints, prior: Dem) -> SurfacePoints:
+    """Leave out points beyond the prior's edge, where there is nothing to build around, and log their number."""
+    same_crs(points.crs, prior.crs, "the points and the prior")
+    known = np.isfinite(prior.at(points.xy))
+    if not known.any():
+        raise InputError(
+            f"none of the {len(points)} points lies on the prior; take a prior of the same place, or leave it out."
+        )
+    if not known.all():
+        logger.warning(
+            "%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points)
+        )
+    return points.select(known)
+
+
+class ScanMap(NamedTuple):
+    """A map, and the number of scans that it was made from."""
+
+    reconstruction: Reconstruction
+    n_scans: int
+
+
+def map_scans(
+    scans: Iterable[SurfacePoints],
+    method: ReconstructionMethod,
+    settings: ScanSettings,
+    *,
+    grid: Grid | None = None,
+    on_scan: Callable[[int], None] = lambda _: None,
+) -> ScanMap:
+    """Map scans one after the other.
+
+    Gross blunders and isolated returns below the ground are left out of every scan, and with lines of sight also returns
+    from what overhangs the ground.
+    """
+    from survey.reconstruction.line_of_sight.returns import ground, without_low_returns
+
+    if method.begin is None:
+        raise InputError(f"the method {method.name} maps points, not scans; take field, emap or carving.")
+    if settings.rays and method.sight_lines == "none":
+        raise InputError(
+            f"the method {method.name} uses no lines of sight; take field or carving, or leave the rays out."
+        )
+    model = method.begin(settings)
+    n_scans = n_low_returns = 0
+    blunders: list[dict[str, Any]] = []
+    for n_scans, scan in enumerate(scans, start=1):
+        without_low, n_low = without_low_returns(scan)
+        accepted, found = without_blunders(without_low)
+        if len(found.rows):
+            blunders.append({"scan": n_scans, "sentence": found.sentence(by_row=False), **found.facts()})
+        n_low_returns += n_low
+        model.update(accepted.select(ground(accepted.xyz)) if settings.rays else accepted)
+        on_scan(n_scans)
+    if n_scans == 0:
+        raise InputError("there are no scans; at least one is needed.")
+    result = model.grid(model.full_grid(settings.step_m) if grid is None else grid)
+    diagnostics = {**result.diagnostics, "n_low_returns": n_low_returns}
+    if blunders:
+        diagnostics["blunders"] = blunders
+    return ScanMap(_require_heights(replace(result, diagnostics=diagnostics)), n_scans)

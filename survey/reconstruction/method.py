@@ -5,11 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from survey.core import Bounds, Progress, ReadOnlyMapping, Section
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from pyproj import CRS
 
 from survey.core import BoolArray, CapacityError, FloatArray, InputError
-from survey.data.dem import Dem
-from survey.data.grid import Grid
+from survey.data import Dem, Grid
 from survey.reconstruction.capacity import rounded_up, smallest_step_m
 from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.terrain_model import TerrainModel, not_fitted

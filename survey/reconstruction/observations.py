@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from survey.core import BoolArray, FloatArray, InputError, IntArray
-from survey.data.surface_points import SurfacePoints
+from survey.data import SurfacePoints
 from survey.io.raster.values import FOOT_M
 from survey.reconstruction.terrain_map import ELEVATION
 

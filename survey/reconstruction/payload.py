@@ -26,10 +26,8 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from survey.core import FloatArray, InputError, same_crs
-from survey.data.dem import Dem
-from survey.data.grid import Grid
+from survey.data import Dem, Grid, Trajectory
 from survey.data.sensors.payload import PayloadLog
-from survey.data.trajectory import Trajectory
 from survey.io.raster.writing import write_netcdf
 from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential, Stationary
 from survey.reconstruction.terrain_map import Reconstruction, support_codes

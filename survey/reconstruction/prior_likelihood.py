@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtrc
 
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.reconstruction.prior import ErrorScale, PriorErrors
 
 # Sizes that are compared [m], and factors of the correlation length with the spread of its logarithm.

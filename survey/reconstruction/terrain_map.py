@@ -25,8 +25,8 @@ from survey.core import (
     same_crs,
 )
 from survey.core.documents import is_intact, with_checksum
+from survey.data import Dem
 from survey.data.conversions import drawing, html_table, plot_raster, to_dataset, value_range
-from survey.data.dem import Dem
 from survey.io.raster import read_raster, write_raster
 from survey.io.raster.writing import write_categories
 from survey.reconstruction.checks import PredictiveCheck, RmseClaim

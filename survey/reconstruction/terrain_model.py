@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core import FloatArray, InputError, checked
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Grid, SurfacePoints
 
 if TYPE_CHECKING:
     pass

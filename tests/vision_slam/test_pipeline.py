@@ -24,8 +24,7 @@ from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.places.relocalization import align_heading
-from vision_slam.readers.folders import read_sequence
-from vision_slam.recordings import open_recording
+from vision_slam.recordings import open_recording, read_sequence
 
 UTM = "EPSG:32608"
 STEP_M, N = 0.5, 48

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray
+from survey.core import BoolArray
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import GpsFixes

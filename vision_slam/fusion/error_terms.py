@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.records import GpsFixes

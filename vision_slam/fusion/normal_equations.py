@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from scipy import sparse
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 
 PER_NODE = 13
 """Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), barometer's drift, scale, slow part of yaw, gyro's bias."""

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from survey import Trajectory
 from survey.core import BoolArray, FloatArray, stream
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
-from survey.data.trajectory import Trajectory
 from vision_slam.attitude import quaternions, rotations
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.error_terms import (

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from survey import InputError, SurfacePoints, Trajectory
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import DriveTies

@@ -41,7 +41,7 @@ import numpy as np
 from scipy import sparse
 
 from survey import InputError, SurfacePoints, Trajectory
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.data.ice_motion import IceMotion
 from survey.data.landmarks import most_informative
 from survey.data.path_error import POSE, PathError, motion_rows

@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from gtsam.symbol_shorthand import X
 from scipy.linalg import cho_factor, cho_solve
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, FloatArray, IntArray
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.tracks import Track

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray
 from survey.data.frames import Image
 from vision_slam.readers.sequence import VisionRecords
 

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.sensors.odometry import Sightings
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track

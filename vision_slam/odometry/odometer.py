@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, DataObject, FloatArray, IntArray
 from survey.data.frames import Image
 from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import initial_pose, rotations, world_attitudes

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import FloatArray
 from survey.data.frames import Frames, Image
 from survey.data.sensors.odometry import Odometry, Sightings
 from survey.data.sensors.records import Compass, Inertial, SensorRecords, Wheels

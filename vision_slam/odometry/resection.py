@@ -13,8 +13,8 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import GAP_S, RelativeMotion

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.sensors.odometry import Sightings
 from survey.data.sensors.records import Wheels
 from vision_slam.odometry.health import FrameHealth

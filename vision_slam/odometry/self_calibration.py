@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, DataObject, FloatArray, IntArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, DataObject, FloatArray, IntArray
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.bundle_adjustment import (
     Adjusted,

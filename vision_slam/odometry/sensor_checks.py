@@ -13,7 +13,7 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from survey import Camera, InputError
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.config import VisualOdometryConfig

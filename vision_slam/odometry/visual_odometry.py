@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from survey import Camera, InputError
-from survey.core.arrays import Progress
+from survey.core import Progress
 from survey.data.frames import Frames
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.bundle_adjustment import LensChange

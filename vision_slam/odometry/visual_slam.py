@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, FloatArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion

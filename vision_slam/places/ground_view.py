@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera import Camera
+from survey import Camera
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.frames import Frames, Image
 from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import rotations

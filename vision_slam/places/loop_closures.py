@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from survey import Camera, InputError, Recording, Trajectory
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.data.frames import Frames
 from survey.data.sensors.odometry import DriveTies, LoopClosures
 from vision_slam.attitude import rotations

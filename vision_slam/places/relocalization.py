@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.sensors.odometry import Odometry
 from vision_slam.attitude import heading_correction, rotations

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from survey import Camera, InputError
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.core.crs import ELLIPSOIDAL
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial, Wheels

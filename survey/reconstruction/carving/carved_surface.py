@@ -18,7 +18,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from survey.core import BoolArray, FloatArray, IntArray, validated
-from survey.data.surface_points import SurfacePoints
+from survey.data import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m
 from survey.reconstruction.carving.descent import (
@@ -337,11 +337,6 @@ def pass_of(tally: Tally, length_m: float, validationrmse_m: float) -> Pass:
     return Pass(
         length_m, tally.n_points, tally.n_rays, tally.gradient_m / n, tally.loss_m2 / n, validationrmse_m
     )
-
-
-def root_mean_square(errors: FloatArray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(errors**2)))
 
 
 Codes = npt.NDArray[np.uint8]

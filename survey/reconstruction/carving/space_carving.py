@@ -8,10 +8,8 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import FloatArray, InputError, IntArray, checked, same_crs, stream
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.core import FloatArray, InputError, IntArray, checked, root_mean_square, same_crs, stream
+from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction.carving.carved_surface import (
     CarvedSurface,
     CarvingFrame,
@@ -22,7 +20,6 @@ from survey.reconstruction.carving.carved_surface import (
     Pass,
     pass_of,
     read_carving,
-    root_mean_square,
     support_of_nodes,
     write_carving,
 )

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from survey.core.config import Section
+from survey.core import Section
 from survey.data.landmarks import SHARED_SIGMA_M
 from survey.reconstruction.gp.families import KernelFamily, KernelSetting, kernel_of
 from survey.reconstruction.gp.kernels import Kernel

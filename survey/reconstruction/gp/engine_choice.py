@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import Bounds, FloatArray, Progress
+from survey.core import Bounds, FloatArray, Progress
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engines.fourier_basis import (
     MAX_ITERATIONS,

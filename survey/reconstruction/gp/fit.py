@@ -28,9 +28,7 @@ from survey.core import (
     same_vertical_datum,
     stream,
 )
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, fit_process

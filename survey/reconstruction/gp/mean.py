@@ -15,8 +15,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError
 
 from survey.core import BoolArray, FloatArray, InputError
-from survey.data.dem import Dem
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, SurfacePoints
 from survey.reconstruction.gp.families import Sum, parts_of
 from survey.reconstruction.gp.kernels import Kernel, SquaredExponential
 from survey.reconstruction.prior import PriorErrors
@@ -96,10 +95,7 @@ class ConstantMean(Mean):
     value_m: float
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the height.
-
-        `xy` (N, 2): easting and northing [m]. Returns (N,): height [m].
-        """
+        """Return the height for every place."""
         return np.full(len(xy), self.value_m)
 
 
@@ -116,10 +112,7 @@ class FunctionMean(Mean):
     function: Callable[[FloatArray], FloatArray]
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the function's heights; refuse what is no height for every place.
-
-        `xy` (N, 2): easting and northing [m]. Returns (N,): height [m].
-        """
+        """Return the function's heights; refuse what is no height for every place."""
         heights = np.asarray(self.function(xy), dtype=np.float64)
         if heights.shape != (len(xy),) or not np.isfinite(heights).all():
             raise InputError(
@@ -149,8 +142,6 @@ class DemMean(Mean):
         """Return the slope (N, 2); within an arm of the prior's rim that of the nearest inner place.
 
         Beside a void it is that towards the side with heights, and 0 where neither side has them.
-
-        `xy` (N, 2): easting and northing [m]. Returns (N, 2): slopes to the east and to the north [m/m].
         """
         xmin, ymin, xmax, ymax = self.dem.bounds
         inner = np.clip(xy, [xmin + _ARM_M, ymin + _ARM_M], [xmax - _ARM_M, ymax - _ARM_M])
@@ -167,17 +158,11 @@ class DemMean(Mean):
         return rise / (_ARM_M * np.maximum(n_arms, 1.0))
 
     def covers(self, xy: FloatArray) -> BoolArray:
-        """Return which places (N, 2) the prior covers, as (N,).
-
-        `xy` (N, 2): easting and northing [m]. Returns (N,) bool: True where the prior has a height.
-        """
+        """Return at which places (N, 2) the prior has a height, as (N,)."""
         return np.isfinite(self.dem.at(xy))
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the prior's heights [m].
-
-        `xy` (N, 2): easting and northing [m]. Returns (N,): height [m].
-        """
+        """Return the prior's heights [m]."""
         heights = self.dem.at(xy)
         if self.interpolation == "delaunay":
             triangular = _triangles(self.dem)(xy)

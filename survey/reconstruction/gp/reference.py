@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 Covariance = Callable[[FloatArray, FloatArray], FloatArray]
 """Covariance function: places (N, 2) and (M, 2) [m] to covariances (N, M) [m²]."""

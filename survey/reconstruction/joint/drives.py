@@ -12,9 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.core import DataObject, FloatArray, InputError, same_crs, same_vertical_datum
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
+from survey.data import PathError, SurfacePoints, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)

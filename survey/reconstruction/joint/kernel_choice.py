@@ -20,9 +20,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.spatial.distance import squareform
 from scipy.special import logsumexp, softmax
 
-from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.data.path_error import PathError
-from survey.data.surface_points import SurfacePoints
+from survey.core import Bounds, FloatArray, IntArray
+from survey.data import PathError, SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.families import KernelFamily, Sum, parts_of
 from survey.reconstruction.gp.kernels import Kernel, Stationary

@@ -24,10 +24,9 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import blas
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.data.grid import Grid
+from survey.core import FloatArray, IntArray
+from survey.data import Grid, SurfacePoints
 from survey.data.path_error import SparseFactor
-from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.fourier_weights import PointSums, WeightPosterior, precision
 from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend

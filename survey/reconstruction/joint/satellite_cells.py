@@ -9,8 +9,7 @@ from pyproj import CRS
 from survey.core import Bounds, FloatArray, InputError, same_vertical_datum
 from survey.core.crs import equal_crs
 from survey.core.transformation import transformed
-from survey.data.dem import Dem
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, SurfacePoints
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.prior_likelihood import ErrorSizes, Innovations

@@ -28,9 +28,9 @@ from scipy import fft, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from survey.core import FloatArray, InputError, IntArray
+from survey.data import SurfacePoints
 from survey.data.landmarks import far_share, stretches
 from survey.data.path_error import POSE, PathError
-from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.kernels import Kernel

@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from survey.core.config import Section
+from survey.core import Section
 
 NODE_STEP_M = 0.25
 """Distance between the nodes of a lattice where none is stated: 16 nodes per square metre [m]."""

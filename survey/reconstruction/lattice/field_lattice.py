@@ -14,8 +14,7 @@ import numpy.typing as npt
 from pyproj import CRS
 
 from survey.core import BoolArray, Bounds, FloatArray, InputError, same_crs, validated
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Grid, SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.lattice.calibration import BoundFactors, LatticeCalibration, RecentPoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig

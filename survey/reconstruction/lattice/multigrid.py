@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core import FloatArray, IntArray
 from survey.reconstruction.lattice.stencil import Weights, apply, lumped, prior_diagonal
 
 

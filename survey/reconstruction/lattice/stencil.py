@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from survey.core.arrays import FloatArray
+from survey.core import FloatArray
 
 Weights = tuple[float, float, float]
 """Of the thin plate, the membrane and the mass [1/m²]."""

@@ -28,8 +28,7 @@ from numba import njit
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from survey.core import BoolArray, FloatArray, InputError
-from survey.data.dem import Dem
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, SurfacePoints
 from survey.reconstruction.line_of_sight.returns import checked_origins, ends_far_below, ghosts
 from survey.reconstruction.nodes import NodeWindow, bilinear
 from survey.reconstruction.terrain_map import ELEVATION, MEASURED, RAY_BOUNDED, Reconstruction

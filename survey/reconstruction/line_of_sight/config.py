@@ -2,7 +2,7 @@
 
 from pydantic import Field, PositiveFloat, PositiveInt
 
-from survey.core.config import Section
+from survey.core import Section
 
 
 class ScanPointsConfig(Section):

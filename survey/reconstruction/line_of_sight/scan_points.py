@@ -18,9 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core import BoolArray, FloatArray, InputError, IntArray
+from survey.data import SurfacePoints, Trajectory
 from survey.data.sensors.lidar import Scanner, SensorScan
-from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
 from survey.reconstruction.line_of_sight.config import ScanPointsConfig
 from survey.reconstruction.line_of_sight.returns import LEAST_M, QUARTILES_TO_SIGMA, ghosts
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from survey.core import InputError, same_crs, same_vertical_datum
-from survey.data.area import SurveyArea
-from survey.data.dem import Dem
+from survey.data import Dem, SurveyArea
 from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.checks import RmseClaim, sampled_nodes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from survey.core.errors import InputError
+from survey.core import InputError
 from survey.reconstruction.carving.config import SpaceCarvingConfig, require_kernel_memory
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.method import (

@@ -10,9 +10,7 @@ from pyproj import CRS
 from scipy.spatial import Delaunay, cKDTree
 
 from survey.core import UNSTATED, FloatArray, InputError, same_crs
-from survey.data.dem import Dem
-from survey.data.grid import Grid
-from survey.data.surface_points import SurfacePoints
+from survey.data import Dem, Grid, SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.observations import Observations

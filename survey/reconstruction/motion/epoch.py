@@ -17,13 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core import FloatArray, InputError
-from survey.data.dem import Dem
+from survey.data import Dem, Recording, Route, Trajectory
 from survey.data.ice_motion import DAY_S, IceMotion
-from survey.data.recording import Recording
-from survey.data.route import Route
 from survey.data.sensors.records import Barometer, GpsFixes
 from survey.data.sensors.stakes import Stakes
-from survey.data.trajectory import Trajectory
 from survey.reconstruction.motion.stakes import mean_stakes
 from survey.reconstruction.terrain_map import CHECK, CLAIM, ELEVATION, UNSEEN, Reconstruction
 

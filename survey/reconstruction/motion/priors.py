@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.core import Bounds, FloatArray, InputError, same_crs
-from survey.data.dem import Dem
+from survey.data import Dem
 from survey.data.ice_motion import DAY_S, IceMotion
 
 # Neighbouring cells of a tracked velocity share their windows: so many cells count as one.

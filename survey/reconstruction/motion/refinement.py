@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from survey.core.errors import InputError
-from survey.data.grid import Grid
-from survey.data.ice_motion import IceMotion
+from survey.core import InputError
+from survey.data import Grid, IceMotion
 from survey.data.path_error import motion_rows
 
 if TYPE_CHECKING:

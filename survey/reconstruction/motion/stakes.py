@@ -25,7 +25,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtrc, softmax
 
 from survey.core import FloatArray, InputError, checked
-from survey.data.ice_motion import IceMotion
+from survey.data import IceMotion
 from survey.data.sensors.stakes import Stakes, StakeSurveys
 
 # Scatter that is less probable than this is taken for that of the ice.

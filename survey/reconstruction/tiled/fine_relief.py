@@ -16,7 +16,7 @@ import numpy.typing as npt
 from numba import njit
 from scipy.ndimage import uniform_filter
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.reconstruction.lattice.field_posterior import Information, Stiffness
 from survey.reconstruction.lattice.multigrid import Operator
 from survey.reconstruction.lattice.solver import VCyclePreconditioner, solve

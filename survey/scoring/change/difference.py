@@ -13,8 +13,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from survey.core import BoolArray, FloatArray, InputError, same_crs, same_vertical_datum
-from survey.core.arguments import check_types
+from survey.core import BoolArray, FloatArray, InputError, check_types, same_crs, same_vertical_datum
 from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid

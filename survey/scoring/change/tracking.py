@@ -26,8 +26,16 @@ from pyproj import CRS
 from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 from scipy.spatial import cKDTree
 
-from survey.core import BoolArray, DataObject, FloatArray, InputError, IntArray, projected_crs, same_crs
-from survey.core.arguments import check_types
+from survey.core import (
+    BoolArray,
+    DataObject,
+    FloatArray,
+    InputError,
+    IntArray,
+    check_types,
+    projected_crs,
+    same_crs,
+)
 from survey.data.dem import Dem
 from survey.io.vector import read_features, write_features
 from survey.scoring.accuracy import NMAD_FACTOR

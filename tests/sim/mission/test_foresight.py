@@ -7,8 +7,9 @@ import shapely
 from firnline.actions.guaranteeing import survey_options
 from firnline.actions.interface import NotMetError
 from planners import RandomWanderConfig
+from planners.prediction import covariance_of_cells
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
-from sim.mission.foresight import cheapest, covariance_of_cells, predict_survey, surveys_within
+from sim.mission.foresight import cheapest, predict_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.terrain.synthetic import random_dem

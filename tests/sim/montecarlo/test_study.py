@@ -108,9 +108,9 @@ def test_terrain_around_a_real_prior_agrees_with_it(tmp_path, rng):
     kind = '[[terrains]]\nsource = "conditional"\nname = "real"\nfile = "prior.tif"\nsigma_m = 0.1\n'
     text = STUDY[: STUDY.index("[[terrains]]")] + kind + STUDY[STUDY.index("[[planners]]") :]
     study = small(tmp_path, text.replace("trials = 3", "trials = 2"))
-    from sim.montecarlo.trials import draw_terrain
+    from sim.montecarlo.trials import generate_terrain
 
-    one, other = (draw_terrain(study, study.terrains[0], trial) for trial in range(2))
+    one, other = (generate_terrain(study, study.terrains[0], trial) for trial in range(2))
     # The middle cell's mean is kept to its stated error; between the cells the draws differ.
     for dem in (one, other):
         assert dem.window((150.0, 150.0, 225.0, 225.0)).elevation.mean() == pytest.approx(

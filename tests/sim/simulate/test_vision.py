@@ -108,7 +108,7 @@ def test_the_same_seed_gives_the_same_bytes_with_one_and_two_threads(drive, tmp_
 
 
 def test_others_read_the_recording(drive, tmp_path):
-    from vision_slam.readers.folders import read_sequence
+    from vision_slam.recordings import read_sequence
 
     done, folder = drive
     tum = read_sequence(folder / "recording")

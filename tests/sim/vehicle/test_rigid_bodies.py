@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from sim.vehicle import rigid_bodies
-from sim.vehicle.rigid_bodies import choose_engine
+from sim.vehicle.rigid_bodies import choose_physics
 from survey.core.errors import ConfigError
 
 
@@ -20,10 +20,10 @@ def installed(monkeypatch):
 
 def test_contact_takes_bullet_and_else_mujoco(installed):
     installed("pybullet", "mujoco")
-    assert choose_engine("contact") == "bullet"
-    assert choose_engine("mujoco") == "mujoco"
+    assert choose_physics("contact") == "bullet"
+    assert choose_physics("mujoco") == "mujoco"
     installed("mujoco")
-    assert choose_engine("contact") == "mujoco"
+    assert choose_physics("contact") == "mujoco"
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_contact_takes_bullet_and_else_mujoco(installed):
 def test_an_engine_that_is_not_installed_is_refused_in_one_sentence(installed, name, message):
     installed()
     with pytest.raises(ConfigError, match=message):
-        choose_engine(name)
+        choose_physics(name)
 
 
 def test_a_missing_bullet_ends_in_one_error_and_no_recursion(monkeypatch):

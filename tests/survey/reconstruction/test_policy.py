@@ -13,8 +13,7 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.mapping import chosen_method
-from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.mapping import choose_method, map_landmarks
 from survey.reconstruction.registry import ReconstructionConfig
 
 CRS = "EPSG:32608"
@@ -56,7 +55,7 @@ def test_gp_becomes_joint_where_points_share_the_errors_of_their_path(
 ) -> None:
     config = ReconstructionConfig(**settings)  # type: ignore[arg-type]
     shared = path() if has_path else None
-    assert chosen_method(config.method, shared, config.landmark_errors).name == name
+    assert choose_method(config.method, shared, config.landmark_errors).name == name
 
 
 def test_independent_landmarks_count_by_their_own_errors_alone() -> None:

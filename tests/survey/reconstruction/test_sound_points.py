@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from survey import Grid, InputError, SurfacePoints, SurveyArea
-from survey.reconstruction.mapping import reconstruct
+from survey.reconstruction.mapping import map_landmarks, map_scans, reconstruct
 from survey.reconstruction.method import ScanSettings
-from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registry import METHODS, ReconstructionConfig
-from survey.reconstruction.scan_map import map_scans
 
 CRS = "EPSG:32608"
 GRID = Grid.over((5.0, 5.0, 95.0, 95.0), 5.0, CRS)

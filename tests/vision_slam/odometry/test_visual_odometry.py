@@ -15,8 +15,8 @@ from survey.data.sensors.records import Inertial, Wheels
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.sequence import ImageSequence, scale_by_reference
+from vision_slam.recordings import read_sequence
 
 
 def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:

@@ -17,8 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from survey.core.errors import InputError
 from survey.data.camera import Camera
 from vision_slam.readers.bags import is_bag, read_bag
-from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.sequence import georeference
+from vision_slam.recordings import read_sequence
 
 NOISE = np.random.default_rng(3).integers(0, 255, (4, 12, 16), dtype=np.uint8)
 

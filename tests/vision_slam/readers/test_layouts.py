@@ -22,7 +22,7 @@ from survey.data.camera import Camera
 from survey.data.frames import Image
 from survey.io.trajectory_files import read_tum, write_kitti, write_tum
 from vision_slam.readers.datasets import read_poses
-from vision_slam.readers.folders import read_sequence
+from vision_slam.recordings import read_sequence
 
 N, STEP_M, PERIOD_S = 10, 0.05, 0.1
 TIMES = PERIOD_S * np.arange(N)

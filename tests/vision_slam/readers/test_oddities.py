@@ -9,7 +9,7 @@ import pytest
 
 from survey.core.errors import FirnlineError
 from survey.data.camera import Camera
-from vision_slam.readers.folders import read_sequence
+from vision_slam.recordings import read_sequence
 
 N = 4
 _CALIBRATION = "P0: 240 0 15.5 0 0 240 11.5 0 0 0 1 0"

@@ -8,8 +8,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from survey.core.errors import ConfigError, InputError
-from vision_slam.readers.folders import read_sequence
-from vision_slam.recordings import open_recording
+from vision_slam.recordings import open_recording, read_sequence
 
 NOON = 1718186400.0  # 2024-06-12 10:00:00 UTC
 

@@ -12,10 +12,10 @@ from survey.data.camera import Camera
 from survey.data.sensors.records import GpsFixes
 from survey.io.trajectory_files import write_track
 from vision_slam.motion import MotionSensors
-from vision_slam.readers.folders import read_sequence
 from vision_slam.readers.gps_files import read_gps
 from vision_slam.readers.images import images_of, read_pixels
 from vision_slam.readers.sequence import georeference, scale_by_reference
+from vision_slam.recordings import read_sequence
 
 UTM = "EPSG:32608"
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray
+from survey.core import BoolArray, Bounds, FloatArray, IntArray
 from survey.reconstruction.gp.engines.fourier_basis import resolve_within
 from survey.reconstruction.gp.kernels import Kernel
 

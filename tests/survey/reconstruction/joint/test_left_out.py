@@ -8,15 +8,15 @@ import pytest
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.joint.cross_validation import (
+from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.joint.normal_equations import waves_at
+from survey.reconstruction.joint.solution import (
+    JointSolution,
     _solve_block,
     check_by_swaths,
     checked_map,
     held_out_swaths,
 )
-from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.normal_equations import waves_at
-from survey.reconstruction.joint.solution import JointSolution
 from tests.survey.reconstruction.joint.test_joint_map import GRID, KNOWN, TWO_M, cells_of, hill, path_error
 
 

@@ -8,10 +8,10 @@ import pytest
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import reconstruct
-from survey.reconstruction.line_of_sight.low_returns import isolated_low
+from survey.reconstruction.line_of_sight.returns import isolated_low
+from survey.reconstruction.mapping import map_scans
 from survey.reconstruction.method import ScanSettings
 from survey.reconstruction.registry import METHODS
-from survey.reconstruction.scan_map import map_scans
 from survey.reconstruction.terrain_map import Reconstruction
 
 CRS = "EPSG:32608"
