@@ -5,8 +5,8 @@ from survey.scoring.change.difference import change
 from survey.scoring.change.volume_change import Change
 from survey.scoring.coverage import Coverage
 from survey.scoring.scores import Score, score
-from survey.scoring.standards.assessment import score_at
-from survey.scoring.standards.checkpoint_errors import compare
+from survey.scoring.standards.assessment import CheckpointScore, score_at
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors, compare
 from survey.scoring.standards.checkpoints import Checkpoints, design_checkpoints
 from survey.scoring.standards.map_classes import Certificate, certificate, map_classes
 
@@ -14,6 +14,8 @@ __all__ = [
     "Calibration",
     "Certificate",
     "Change",
+    "CheckpointErrors",
+    "CheckpointScore",
     "Checkpoints",
     "Coverage",
     "ErrorStatistics",

@@ -13,9 +13,21 @@ from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.ice_motion import IceMotion
 from survey.data.path_error import motion_rows
+from survey.reconstruction.motion.epoch import at_epoch, with_age
+from survey.reconstruction.terrain_map import Reconstruction
 
 if TYPE_CHECKING:
     from survey.reconstruction.joint.solution import JointSolution
+
+
+def on_ice(
+    result: Reconstruction, motion: IceMotion, solution: "JointSolution", epoch_s: float | None
+) -> tuple[Reconstruction, IceMotion]:
+    """Return a joint map with its age, or moved to an epoch in seconds of the recording, and the refined motion of the ice."""
+    refined = refined_motion(motion, solution)
+    if epoch_s is None:
+        return with_age(result, refined), refined
+    return at_epoch(result, refined, epoch_s)
 
 
 def refined_motion(motion: IceMotion, solution: "JointSolution") -> IceMotion:
