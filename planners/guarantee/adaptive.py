@@ -33,7 +33,6 @@ from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_line
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
-from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
@@ -85,7 +84,7 @@ class AdaptiveConfig(ErrorLimit):
     @classmethod
     def across_grain(cls, requirement: ErrorLimit, area: SurveyArea, prior: Dem) -> Self:
         """Take limit, probability and errors from a requirement, and a heading across a marked grain of the terrain."""
-        return cls.of(requirement, across_marked_grain(FreeGround(area.free), prior))
+        return cls.of(requirement, across_marked_grain(area.free, prior))
 
 
 def nearest_line(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:
