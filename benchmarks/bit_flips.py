@@ -18,7 +18,7 @@ import numpy as np
 
 import survey
 from benchmarks.small_inputs import STUDY
-from firnline.actions.missions import logged_to
+from firnline.actions.runs import logged_to
 from papers.studies import is_complete, record
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run

@@ -18,7 +18,7 @@ _SERVER = """
 import os, sys
 import matplotlib.backends.backend_agg, pyarrow.parquet
 import planners.planning, survey.figures, survey.reporting, vision_slam.pipeline
-import firnline.actions.missions, sim.mission.report, sim.montecarlo.study
+import firnline.actions.runs, firnline.actions.studies, sim.mission.report, sim.montecarlo.study
 from firnline.cli.main import app
 for line in sys.stdin:
     child = os.fork()

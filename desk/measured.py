@@ -11,14 +11,13 @@ from pyproj import CRS
 
 from desk.plan.dropped import thinned_points
 from desk.runs import map_layers
+from firnline.actions import ScoreRequest, score
 from firnline.actions.guaranteeing import swath_advice
 from firnline.actions.mapping import reconstruct
 from firnline.actions.requests import ReconstructRequest
-from firnline.actions.scoring import ScoreRequest, score
 from planners.guarantee.requirement import MapRequirement
 from survey import ConfigError, Dem, InputError, Route, SurfacePoints, SurveyArea
-from survey.core import Progress, replacing, round_number
-from survey.core.text import length_text
+from survey.core import Progress, length_text, replacing, round_number
 from survey.scoring import Checkpoints
 from survey.scoring.standards.assessment import CheckpointScore
 from survey.scoring.standards.map_classes import own_claim

@@ -13,10 +13,9 @@ from desk.terrain.tiles import picture
 from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from survey import Dem, FirnlineError, InputError, Reconstruction, Route, Truth
-from survey.core import read_json, round_number, same_crs
+from survey.core import length_text, read_json, round_number, same_crs
 from survey.core.config import read_toml
 from survey.core.run_folder import RunFolder
-from survey.core.text import length_text
 from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES
 
 _PATTERNS = ("*_mission/runs/*/*/manifest.json", "runs/*/*/manifest.json", "results/runs/*/*/manifest.json")

@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Any
 from urllib.parse import urlsplit
 
-from survey.core.errors import InputError
+from survey.core import InputError
 
 _EXPECTED = (
     "udp://HOST:PORT (sends to a vehicle), udpin://HOST:PORT (waits for one that sends to this port), "

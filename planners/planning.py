@@ -205,6 +205,29 @@ def _if_covering(prior: Dem | None, route: Route) -> Dem | None:
 _N_ALONG = 64
 
 
+def prior_kernel(prior: Dem, area: SurveyArea) -> Kernel | None:
+    """Return the likeliest covariance of the prior; None where it lies off the area, which `plan` refuses.
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse elevations.
+    area : SurveyArea
+        Area of the survey.
+
+    Returns
+    -------
+    Kernel or None
+        Covariance of the terrain, of ``terrain_kernel``.
+
+    Raises
+    ------
+    InputError
+        A prior that is too coarse for the area.
+    """
+    return None if prior_covered_share(area, prior) == 0.0 else terrain_kernel(prior, area)
+
+
 def prior_covered_share(area: SurveyArea, prior: Dem) -> float:
     """Return the share of the area's free ground that lies on cells with a height.
 

@@ -19,8 +19,8 @@ from live.watch.log import entered, watch_of
 from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.guarantee import Guarantee, guarantee
 from survey import ConfigError, Dem, InputError
+from survey.core import length_text
 from survey.core.crs import same_crs
-from survey.core.text import length_text
 
 _FACTORS = (0.25, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 _MOST_SWATHS = 120

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from desk.jobs.job import CancelledError, Job
 from desk.runs import map_layers
-from firnline.actions.missions import logged_to, summary
+from firnline.actions.runs import logged_to, summary
 from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission

@@ -12,7 +12,7 @@ import planners
 from desk.plan.document import PlanDocument
 from desk.plan.request import request_of
 from firnline.actions.interface import read_about
-from firnline.actions.planning import AreaPlan, area_plan, checked_options, prior_kernel
+from firnline.actions.planning import AreaPlan, area_plan, checked_options
 from planners.routes.rover import Crew, homes_of
 from survey import Dem, InputError, SurveyArea
 from survey.core.arrays import Bounds
@@ -127,7 +127,7 @@ class LivePlanner:
 
     def _fitted(self, area: SurveyArea) -> Fitted:
         try:
-            return Fitted(prior_kernel(self.prior(area), area), "")
+            return Fitted(planners.prior_kernel(self.prior(area), area), "")
         except InputError as error:
             return Fitted(None, str(error))
 

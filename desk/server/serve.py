@@ -28,7 +28,7 @@ from desk.server import plan_routes as plan
 from desk.server import replies
 from desk.server.replies import refused
 from desk.workspace import Workspace, open_workspace, write_demo
-from survey.core.errors import CapacityError, FirnlineError, InputError
+from survey.core import CapacityError, FirnlineError, InputError
 
 _ROUTES = (
     Route("/", replies.page),

@@ -1,20 +1,24 @@
-"""Compare two surveys: change of elevation, volume and mass, flow of the ice, and tracked features."""
+"""Compare two surveys: change of elevation, volume and mass, also along the flow of the ice."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from firnline.actions.interface import Argument, Option, Preview, Result, refuse_existing, with_companions
-from firnline.actions.scoring import map_of, today
-from survey.core.errors import ConfigError, InputError
+import survey
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    Preview,
+    WrittenResult,
+    previewed_by,
+    refuse_existing,
+    with_companions,
+)
+from firnline.actions.score_request import map_of, today
+from firnline.actions.tracking import flow_between
+from survey.core import ConfigError, printable
 
 if TYPE_CHECKING:
-    from pyproj import CRS
-
-    from survey import Dem, Reconstruction
-    from survey.scoring.change.along_flow import Thickness
-    from survey.scoring.change.displacements import DisplacementField
-    from survey.scoring.change.tracking import TrackedMotion
     from survey.scoring.change.volume_change import Change
 
 
@@ -113,8 +117,6 @@ class ChangeRequest:
 
     def _refuse_unused(self) -> None:
         """Refuse options of the flow without a flow, and a flow between terrain models."""
-        from survey.core.errors import ConfigError, InputError
-
         stated = [
             name for name, value in {"--days": self.days, "--thickness": self.thickness}.items() if value
         ]
@@ -124,13 +126,15 @@ class ChangeRequest:
                 "such as 850 for ice and firn."
             )
         if self.flow is None and stated:
-            raise InputError(f"{stated[0]} belongs to --flow; add --flow, or leave {stated[0]} out.")
+            raise survey.InputError(f"{stated[0]} belongs to --flow; add --flow, or leave {stated[0]} out.")
         if self.flow is not None and self.later.suffix == ".npz":
-            raise InputError("--flow compares maps, and the surveys are terrain models; name their maps.")
+            raise survey.InputError(
+                "--flow compares maps, and the surveys are terrain models; name their maps."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeResult(Result):
+class ChangeResult(WrittenResult):
     """Change between two surveys.
 
     Parameters
@@ -147,31 +151,17 @@ class ChangeResult(Result):
     change: "Change"
     outlines: dict[str, Any]
 
-    def write(self, out: Path | None = None) -> "ChangeResult":
-        """Write the folder of the change, and the report if one is asked for.
-
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            The folder; that of the request by default.
-
-        Returns
-        -------
-        ChangeResult
-            The result at its place.
-        """
-        from survey.core.replacement import replacing_folder
-        from survey.figures.maps import change_map
-        from survey.figures.style import png_bytes
+    def _write_files(self) -> None:
+        """Write the folder of the change, and the report if one is asked for."""
+        from survey.core import replacing_folder
+        from survey.figures import change_map, png_bytes
         from survey.scoring.change.volume_change import write_change
 
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
-        with replacing_folder(placed.request.out, own=OUTPUTS) as draft:
+        with replacing_folder(self.request.out, own=OUTPUTS) as draft:
             write_change(draft, self.change, *self._density)
             (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
         if self.request.report is not None:
             self._write_report(self.request.report)
-        return placed
 
     @property
     def _density(self) -> tuple[float, float]:
@@ -201,6 +191,23 @@ class ChangeResult(Result):
         write_document(report, change_report(setting, self.change, self.outlines, self.facts()))
 
 
+def preview_change(request: ChangeRequest) -> Preview:
+    """Read surveys and outlines, and return what would be compared."""
+    from survey.scoring.change.volume_change import read_outlines
+
+    request.check()
+    writes = [request.out, *([] if request.report is None else [request.report])]
+    surveys = {"later": request.later, "earlier": request.earlier}
+    if all(source.suffix == ".npz" for source in surveys.values()):
+        return Preview.of(writes)
+    *read, _ = surveys_of(request.later, request.earlier, request.crs)
+    dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
+    facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
+    outlines = read_outlines(request.outline, dems["later"].crs)
+    return Preview.of(writes, {**facts, "outlines": ", ".join(outlines)})
+
+
+@previewed_by(preview_change)
 def change(request: ChangeRequest) -> ChangeResult:
     """Compute the change of elevation, volume and mass on the ground, with correlated errors.
 
@@ -226,40 +233,24 @@ def change(request: ChangeRequest) -> ChangeResult:
     return ChangeResult(request=request, change=found, outlines=outlines)
 
 
-def preview_change(request: ChangeRequest) -> Preview:
-    """Read surveys and outlines, and return what would be compared."""
-    from survey import Dem
-    from survey.scoring.change.volume_change import read_outlines
-
-    request.check()
-    writes = [request.out, *([] if request.report is None else [request.report])]
-    surveys = {"later": request.later, "earlier": request.earlier}
-    if all(source.suffix == ".npz" for source in surveys.values()):
-        return Preview.of(writes)
-    *read, _ = surveys_of(request.later, request.earlier, request.crs)
-    dems = dict(zip(surveys, (one if isinstance(one, Dem) else one.mean for one in read), strict=True))
-    facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
-    outlines = read_outlines(request.outline, dems["later"].crs)
-    return Preview.of(writes, {**facts, "outlines": ", ".join(outlines)})
-
-
 def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
-    from survey import Dem
     from survey.scoring.change.difference import change as compare
     from survey.scoring.change.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request.later, request.earlier, request.outline, request.step_m)
     new, old, note = surveys_of(request.later, request.earlier, request.crs)
-    crs = (new if isinstance(new, Dem) else new.mean).crs
+    crs = (new if isinstance(new, survey.Dem) else new.mean).crs
     outlines = read_outlines(request.outline, crs)
     ground = None
     if request.stable is not None:
         ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
-    flow, thickness = _flow(request, new, old)
+    flow, thickness = flow_between(
+        request.flow, request.days, (request.thickness, request.thickness_error), (new, old)
+    )
     found = compare(
         new,
         old,
@@ -273,25 +264,11 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     return replace(found, notes=(*found.notes, *note)), outlines
 
 
-def _flow(
-    request: ChangeRequest, new: "Reconstruction | Dem", old: "Reconstruction | Dem"
-) -> "tuple[DisplacementField | None, Thickness | None]":
-    """Return the flow between the surveys and the thickness of the ice, where they are named."""
-    from survey import Dem
-
-    if request.flow is None:
-        return None, None
-    later, earlier = (one if isinstance(one, Dem) else one.mean for one in (new, old))
-    thickness = thickness_of(request.thickness, request.thickness_error)
-    return flow_of(request.flow, request.days, later, earlier), thickness
-
-
 def _models_compared(
     later: Path, earlier: Path, outline: Path, step_m: float
 ) -> tuple["Change", dict[str, Any]]:
     import shapely
 
-    from survey import Grid, InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.change.difference import change_of_models
     from survey.scoring.change.volume_change import read_outlines
@@ -299,19 +276,17 @@ def _models_compared(
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
     if crs is None:
-        raise InputError(
+        raise survey.InputError(
             f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
             "compare their maps instead."
         )
     outlines = read_outlines(outline, crs)
     bounds = shapely.union_all(list(outlines.values())).bounds
-    return change_of_models(new, old, outlines, Grid.over(bounds, step_m, crs)), outlines
+    return change_of_models(new, old, outlines, survey.Grid.over(bounds, step_m, crs)), outlines
 
 
 def _change_lines(facts: dict[str, Any]) -> list[str]:
     """Return shift, offset, volumes and notes as sentences."""
-    from survey.core.text import printable
-
     lines = []
     if facts["shift"] is not None:
         shift = facts["shift"]
@@ -334,8 +309,6 @@ def _change_lines(facts: dict[str, Any]) -> list[str]:
 
 def _flow_line(row: dict[str, Any]) -> str:
     """Return the change along the flow and the balance of one outline as a sentence."""
-    from survey.core.text import printable
-
     return (
         f"{printable(row['name'])}: along the flow {row['along_mean_m']:+.3f} ± {row['along_std_m']:.3f} m; the flow carried off "
         f"{row['flux_divergence_m']:+.3f} ± {row['flux_divergence_std_m']:.3f} m of ice (thickness {row['thickness_m']:.0f} m), "
@@ -354,8 +327,8 @@ def _signed(value: float) -> str:
 class Surveys(NamedTuple):
     """Later and earlier survey, and notes on how they were read."""
 
-    later: "Reconstruction | Dem"
-    earlier: "Reconstruction | Dem"
+    later: "survey.Reconstruction | survey.Dem"
+    earlier: "survey.Reconstruction | survey.Dem"
     notes: tuple[str, ...] = ()
 
 
@@ -374,227 +347,10 @@ def _is_raster(source: Path) -> bool:
     return source.is_file() and source.suffix != ".npz"
 
 
-def _survey(source: Path, crs: str | None) -> "Reconstruction | Dem":
+def _survey(source: Path, crs: str | None) -> "survey.Reconstruction | survey.Dem":
     """Read a map that is no terrain model."""
-    from survey.core.errors import InputError
-
     if source.suffix == ".npz":
-        raise InputError(
+        raise survey.InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
         )
     return map_of(source, crs)
-
-
-TRACKED = "track"
-"""Value of the option by which the surveys themselves are tracked."""
-
-
-def flow_of(named: str, days: float | None, later: "Dem", earlier: "Dem") -> "DisplacementField":
-    """Return the displacement between two surveys."""
-    from survey.scoring.change.displacements import TrackedField
-    from survey.scoring.change.tracking import read_tracked
-
-    if "," in named:
-        return _of_rasters(named, _days(days), later.crs)
-    if Path(named).suffix.lower() == ".json":
-        return _of_motion(Path(named), _days(days))
-    if days is not None:
-        raise InputError(
-            f"--flow {named} names displacements between the surveys, not velocities; leave --days out."
-        )
-    if named == TRACKED:
-        return _tracked(later, earlier)
-    return TrackedField.of(read_tracked(Path(named), later.crs))
-
-
-def thickness_of(named: str | None, error: float) -> "Thickness | None":
-    """Return the thickness that an option names: metres or a raster."""
-    from survey import Dem
-    from survey.scoring.change.along_flow import Thickness
-
-    if named is None:
-        return None
-    try:
-        value = float(named)
-    except ValueError:
-        return Thickness(Dem.read(named), error)
-    if not 0.0 < value < float("inf"):
-        raise ConfigError(f"--thickness is {named} m; give a positive number, or a raster.")
-    return Thickness(value, error)
-
-
-def _tracked(later: "Dem", earlier: "Dem") -> "DisplacementField":
-    """Track the features of the earlier survey in the later one, on the grid of the coarser one."""
-    from survey import Dem
-    from survey.scoring.change.displacements import TrackedField
-    from survey.scoring.change.tracking import track
-
-    coarser = later if later.step_m >= earlier.step_m else earlier
-    grid = coarser.grid()
-    early, late = (Dem.on(grid, one.at(grid.xy).reshape(grid.shape)) for one in (earlier, later))
-    return TrackedField.of(track(early, late))
-
-
-def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
-    from survey import Dem
-    from survey.core.crs import same_crs
-    from survey.reconstruction.motion.priors import VelocityRasters
-    from survey.scoring.change.displacements import RasterField
-
-    files = named.split(",")
-    if len(files) != 4:
-        raise ConfigError(
-            f"--flow names {len(files)} rasters; name four with commas: velocity east, velocity north, and their standard "
-            "deviations [m/day]."
-        )
-    rasters = VelocityRasters(*(Dem.read(Path(file)) for file in files))
-    for raster in rasters:
-        same_crs(crs, raster.crs, "the surveys and the rasters of the velocity")
-    return RasterField(rasters, days)
-
-
-def _of_motion(file: Path, days: float) -> "DisplacementField":
-    from survey.data.ice_motion import read_motion
-    from survey.scoring.change.displacements import SteadyField
-
-    return SteadyField(read_motion(file), days)
-
-
-def _days(days: float | None) -> float:
-    if days is None:
-        raise InputError("--flow names velocities; add --days with the time between the surveys.")
-    return days
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackRequest:
-    """Two surveys between which features are tracked."""
-
-    earlier: Annotated[Path, Argument(help="Earlier survey: a raster of elevations, or an orthoimage.")]
-    later: Annotated[Path, Argument(help="Later survey on the same grid.")]
-    days: Annotated[float, Option("--days", min=1e-6, help="Time between the surveys [days].")]
-    images: Annotated[
-        bool, Option("--images", help="Match the rasters as images, not hillshades of elevations.")
-    ] = False
-    window_px: Annotated[int, Option("--window", help="Width of the windows, odd [pixels].")] = 33
-    step_px: Annotated[int, Option("--step", min=1, help="Distance of the windows [pixels].")] = 16
-    search_px: Annotated[int, Option("--search", help="Largest displacement searched [pixels].")] = 24
-    out: Annotated[Path, Option("--out", "-o", help="Points: .gpkg, .geojson or .shp.")] = Path(
-        "velocity.gpkg"
-    )
-    force: Annotated[bool, Option("--force", help="Replace an existing file.")] = False
-
-
-@dataclass(frozen=True)
-class TrackResult(Result):
-    """Motion of a surface between two surveys.
-
-    Parameters
-    ----------
-    request : TrackRequest
-        What was asked for.
-    motion : TrackedMotion
-        Displacements of the windows.
-    earlier : Dem
-        The earlier survey.
-    """
-
-    request: TrackRequest
-    motion: "TrackedMotion"
-    earlier: "Dem"
-
-    def write(self, out: Path | None = None) -> "TrackResult":
-        """Write the windows as points.
-
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            The file; that of the request by default.
-
-        Returns
-        -------
-        TrackResult
-            The result at its place.
-        """
-        from survey.scoring.change.tracking import write_tracked
-
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
-        write_tracked(placed.request.out, self.motion, self.request.days, self.earlier.crs)
-        return placed
-
-    def lines(self) -> list[str]:
-        """Return the median speed with its error, and the scale of the CRS where it matters."""
-        from survey.core.map_scale import MapScale
-
-        crs = self.earlier.crs
-        scale = MapScale.over(crs, self.earlier.bounds).notable_factor
-        lines = [_speed_text(self.motion, self.request.days * scale)]
-        if scale != 1.0:
-            lines.append(
-                f"note: {self.request.out.name} has displacements in metres of {crs.name}, {scale:.3f} of which are one metre "
-                "on the ground here; the speed above is on the ground"
-            )
-        return lines
-
-
-def track(request: TrackRequest) -> TrackResult:
-    """Track the features of a moving surface between two surveys.
-
-    Parameters
-    ----------
-    request : TrackRequest
-        Surveys and windows.
-
-    Returns
-    -------
-    TrackResult
-        Displacements with their errors; `TrackResult.write` writes them.
-
-    Raises
-    ------
-    InputError
-        Input that cannot be used, or an output that exists.
-    """
-    from survey.scoring.change import tracking
-
-    earlier, later = _tracked_pair(request)
-    found = tracking.track(
-        earlier,
-        later,
-        window_px=request.window_px,
-        step_px=request.step_px,
-        search_px=request.search_px,
-        shaded=not request.images,
-    )
-    return TrackResult(request, found, earlier)
-
-
-def preview_track(request: TrackRequest) -> Preview:
-    """Read both surveys, and return what would be tracked."""
-    earlier, _ = _tracked_pair(request)
-    return Preview.of([request.out], {"surveys": "{} × {} cells".format(*earlier.shape)})
-
-
-def _tracked_pair(request: TrackRequest) -> "tuple[Dem, Dem]":
-    from survey import Dem
-    from survey.scoring.change.tracking import check_pair
-
-    refuse_existing([request.out], force=request.force, inputs=(request.earlier, request.later))
-    earlier, later = Dem.read(request.earlier), Dem.read(request.later)
-    check_pair(earlier, later, request.window_px, request.search_px)
-    return earlier, later
-
-
-def _speed_text(found: "TrackedMotion", metres: float) -> str:
-    """Return the number of windows, the median speed and its error; `metres` of the CRS are one metre a day."""
-    import numpy as np
-
-    good = ~found.is_outlier
-    if not good.any():
-        return f"all {len(found)} windows are outliers; take larger windows, a wider search or surveys closer in time."
-    speed = np.hypot(*found.shift_m[good].T) / metres
-    sigma = np.hypot(*found.sigma_m[good].T) / np.sqrt(2.0) / metres
-    return (
-        f"{len(found)} windows, {int((~good).sum())} of them outliers; median speed {np.median(speed):.3g} m a day, "
-        f"median standard deviation {np.median(sigma):.2g} m a day on either axis"
-    )

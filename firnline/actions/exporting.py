@@ -7,24 +7,27 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import survey
 from firnline.actions.interface import (
     Argument,
     Option,
     Preview,
     Progress,
     Result,
+    WrittenResult,
     companions_of_output,
     fact_line,
     needs_live_extra,
     no_progress,
+    previewed_by,
     read_about,
     refuse_existing,
     with_companions,
 )
 from firnline.actions.requests import Patience, System, Url
+from survey.core import ConfigError
 
 if TYPE_CHECKING:
-    import survey
     from live.mission_items import AutopilotMission
     from survey.interchange.missions import Surroundings
 
@@ -76,8 +79,6 @@ class RouteOptions:
         reason : str
             Why they do not apply.
         """
-        from survey.core.errors import ConfigError
-
         given = {
             "--autopilot": self.autopilot,
             "--area": self.area,
@@ -100,7 +101,6 @@ class FoundRoute(NamedTuple):
 
 def route_with_surroundings(source: Path, options: RouteOptions) -> FoundRoute:
     """Read a route; that of a run comes with the area and the terrain of the run, as far as it knows all heights."""
-    import survey
     from survey.core.run_folder import RunFolder
 
     if not source.is_dir():
@@ -127,7 +127,6 @@ def knows_heights(terrain: "survey.Dem", route: "survey.Route") -> bool:
 
 def read_route(source: Path, crs: str | None) -> "survey.Route":
     """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format."""
-    import survey
     from survey.interchange.route_formats import read_plan
     from survey.io.vector import read_features
 
@@ -142,8 +141,6 @@ def _surroundings(route: "survey.Route", options: RouteOptions) -> "Surroundings
     """Read what the export takes along, in the CRS of the route."""
     import numpy as np
 
-    import survey
-    from survey.core.errors import ConfigError
     from survey.interchange.missions import Surroundings
 
     area, dem, autopilot = options.area, options.dem, options.autopilot
@@ -194,8 +191,6 @@ class ExportRequest(RouteOptions):
 
     def check(self) -> None:
         """Refuse outputs that exist or are inputs, and names that are not known."""
-        from survey.core.errors import ConfigError
-
         inputs = with_companions([self.source, self.area, self.dem])
         refuse_existing([self.out], force=self.force, inputs=inputs)
         refuse_existing(companions_of_output(self.out), force=self.force, inputs=[self.source])
@@ -251,6 +246,22 @@ class ExportResult(Result):
         return [self.text] if self.text else []
 
 
+def preview_export(request: ExportRequest) -> Preview:
+    """Read what would be converted and check it, and return what would be written."""
+    request.check()
+    kind = _kind_of(request)
+    if kind == "route":
+        route, around, notes = route_with_surroundings(request.source, request)
+        refuse_existing(_other_parts(route, request), force=request.force)
+        around.check(route)
+        return Preview.of(_parts(route, request.rover, request.out), left_out=notes)
+    if kind != "mcap":
+        with TemporaryDirectory() as folder:
+            _convert(request, kind, Path(folder) / request.out.name)
+    return Preview.of([request.out])
+
+
+@previewed_by(preview_export)
 def export(request: ExportRequest) -> ExportResult:
     """Convert a route, map, track, area or set of points to the format that the name of the output states.
 
@@ -281,21 +292,6 @@ def export(request: ExportRequest) -> ExportResult:
     refuse_existing(_other_parts(route, request), force=request.force)
     around.check(route)
     return ExportResult(request, lambda out: write_route(route, around, out, request.rover), notes)
-
-
-def preview_export(request: ExportRequest) -> Preview:
-    """Read what would be converted and check it, and return what would be written."""
-    request.check()
-    kind = _kind_of(request)
-    if kind == "route":
-        route, around, notes = route_with_surroundings(request.source, request)
-        refuse_existing(_other_parts(route, request), force=request.force)
-        around.check(route)
-        return Preview.of(_parts(route, request.rover, request.out), left_out=notes)
-    if kind != "mcap":
-        with TemporaryDirectory() as folder:
-            _convert(request, kind, Path(folder) / request.out.name)
-    return Preview.of([request.out])
 
 
 def _kind_of(request: ExportRequest) -> str:
@@ -422,6 +418,17 @@ class UploadResult(Result):
         return lines
 
 
+def preview_upload(request: UploadRequest) -> Preview:
+    """Read a route, and return which autopilots would hold its mission."""
+    with needs_live_extra():
+        from live.link import LinkAddress
+
+        address, (mission, notes) = LinkAddress.parsed(request.url), _mission(request)
+        facts = _storable_facts(mission, request.most_items) | {"would be sent to": address.text}
+    return Preview.of([], facts, notes)
+
+
+@previewed_by(preview_upload)
 def upload(request: UploadRequest, progress: Progress = no_progress) -> UploadResult:
     """Send a route to a rover over MAVLink, read it back and compare it item by item.
 
@@ -459,16 +466,6 @@ def upload(request: UploadRequest, progress: Progress = no_progress) -> UploadRe
         )
     facts = {**report._asdict(), "seconds": round(perf_counter() - began, 2)}
     return UploadResult(facts, bool(mission.fence), notes)
-
-
-def preview_upload(request: UploadRequest) -> Preview:
-    """Read a route, and return which autopilots would hold its mission."""
-    with needs_live_extra():
-        from live.link import LinkAddress
-
-        address, (mission, notes) = LinkAddress.parsed(request.url), _mission(request)
-        facts = _storable_facts(mission, request.most_items) | {"would be sent to": address.text}
-    return Preview.of([], facts, notes)
 
 
 def _mission(request: UploadRequest) -> "tuple[AutopilotMission, tuple[str, ...]]":
@@ -518,7 +515,7 @@ class DownloadRequest:
 
 
 @dataclass(frozen=True)
-class DownloadResult(Result):
+class DownloadResult(WrittenResult):
     """Mission of a rover as a route.
 
     Parameters
@@ -532,24 +529,11 @@ class DownloadResult(Result):
     request: DownloadRequest
     route: "survey.Route"
 
-    def write(self, out: Path | None = None) -> "DownloadResult":
-        """Write the route.
-
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            The file; that of the request by default.
-
-        Returns
-        -------
-        DownloadResult
-            The result at its place.
-        """
+    def _write_files(self) -> None:
+        """Write the route."""
         from survey.interchange.route_formats import write_plan
 
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
-        write_plan(self.route, placed.request.out)
-        return placed
+        write_plan(self.route, self.request.out)
 
     def lines(self) -> list[str]:
         """Return what was written."""

@@ -5,23 +5,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import planners
+import survey
 from firnline.actions.interface import NotMetError, Progress, Result, fact_line, no_progress
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
-from survey.core.text import length_text
+from survey.core import ConfigError, InputError, length_text
 
 if TYPE_CHECKING:
-    import survey
-    from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveSurvey
+    from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement, Surface
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import PredictedSurvey
-    from survey.reconstruction.gp.kernels import Kernel
 
 
 def limit_of(require: str) -> float:
     """Return the widest limit of a class of the paper's tables [m], or the number of metres that was given."""
-    from survey.core.errors import ConfigError
     from survey.scoring.standards.map_classes import map_classes
 
     widest = {row.map_class.lower().replace(" ", "-"): row.limit_m for row in reversed(map_classes())}
@@ -55,8 +54,6 @@ def requirement_of(request: PlanRequest) -> "MapRequirement":
 
 def prior_of(request: PlanRequest) -> "tuple[survey.SurveyArea, survey.Dem]":
     """Read the area and the prior that a guarantee needs."""
-    from survey.core.errors import InputError
-
     if request.prior is None:
         raise InputError("a guarantee needs the roughness of the terrain; give a coarse DEM with --prior.")
     area, prior = request.read_area()
@@ -153,7 +150,6 @@ class GuaranteedPlan(PlanResult):
     def lines(self) -> list[str]:
         """Return the pattern and the guarantee, and what it rests on."""
         from planners.swaths.reference_lines import swaths_text
-        from survey.core.text import length_text
 
         made = self.guarantee
         requirement = made.requirement
@@ -186,19 +182,8 @@ def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> G
     area, prior = prior_of(request)
     made = found_guarantee(area, prior, requirement, progress)
     best = made.posterior.likeliest
-    drawing = drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m)
+    drawing = PlanDrawing(area, prior, best.kernel, best.noise_m)
     return GuaranteedPlan(request=request, route=made.route, drawing=drawing, guarantee=made)
-
-
-def drawing_of(
-    area: "survey.SurveyArea",
-    prior: "survey.Dem",
-    *,
-    kernel: "Kernel | None" = None,
-    noise_m: float = 0.0,
-) -> PlanDrawing:
-    """Return what is drawn of a route, with the predicted error of the map where a covariance is given."""
-    return PlanDrawing(area, prior, kernel, noise_m)
 
 
 _MOST_FURTHER = 6
@@ -272,11 +257,10 @@ def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointP
     No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
     between the cells of the prior to be smooth.
     """
-    import planners
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import surveys_within
     from sim.world.site import World
-    from survey.core.config import validated, with_overrides
+    from survey.core import validated, with_overrides
 
     stated = validated(
         MissionConfig, with_overrides(_mission_values(request), request.settings), "the options"
@@ -299,7 +283,7 @@ def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointP
     return JointPlan(
         request=request,
         route=planners.plan(area, prior, config),
-        drawing=drawing_of(area, prior),
+        drawing=PlanDrawing(area, prior),
         surveys=SurveyOptions(best, options, limit_m),
         assumed=f"{made.assumptions}; without errors of position {least} swaths are enough",
     )
@@ -365,8 +349,6 @@ class AdaptivePlan(PlanResult):
 
 def plan_adaptive(request: PlanRequest, progress: Progress = no_progress) -> AdaptivePlan:
     """Plan the first swaths, or the next one after what was driven and measured."""
-    from survey.core.errors import ConfigError
-
     del progress
     if (request.driven is None) != (request.measured is None):
         raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
@@ -387,45 +369,33 @@ def swath_advice(
     requirement: "MapRequirement",
 ) -> "AdaptiveSurvey":
     """Return the swath to drive next after what was driven and measured, or that none is needed or none would help."""
-    from planners.guarantee.adaptive import next_swath
+    from planners.guarantee.adaptive import AdaptiveConfig, next_swath
 
-    config = _adaptive_config(area, prior, requirement)
+    config = AdaptiveConfig.across_grain(requirement, area, prior)
     return next_swath(area, driven, points.xy, points.xyz[:, 2], config)
-
-
-def _adaptive_config(
-    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
-) -> "AdaptiveConfig":
-    """Return the settings of a survey swath by swath, across the grain of the terrain."""
-    from planners.guarantee.adaptive import AdaptiveConfig
-    from planners.swaths.heading import across_marked_grain
-
-    return AdaptiveConfig.of(requirement, across_marked_grain(area.free, prior))
 
 
 def _plan_first(
     request: PlanRequest, area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
 ) -> AdaptivePlan:
     """Plan the first swaths."""
-    from planners.guarantee.adaptive import first_swaths
+    from planners.guarantee.adaptive import AdaptiveConfig, first_swaths
     from planners.guarantee.guarantee import posterior_of
 
-    config = _adaptive_config(area, prior, requirement)
+    config = AdaptiveConfig.across_grain(requirement, area, prior)
     route = first_swaths(area, posterior_of(area, prior, requirement), config)
     step = "drive and measure them, then run this again with --driven and --measured"
     stated = {"swaths": len(route.swaths), "next": step}
-    return AdaptivePlan(request=request, route=route, drawing=drawing_of(area, prior), stated=stated)
+    return AdaptivePlan(request=request, route=route, drawing=PlanDrawing(area, prior), stated=stated)
 
 
 def _plan_next(
     request: PlanRequest, driven: Path, measured: Path, area: "survey.SurveyArea", prior: "survey.Dem"
 ) -> AdaptivePlan:
     """Plan the next swath, find that none is needed, or refuse where none would help."""
-    from survey import Route, SurfacePoints
-
-    points = SurfacePoints.read(measured, crs=area.crs.to_wkt())
+    points = survey.SurfacePoints.read(measured, crs=area.crs.to_wkt())
     requirement = requirement_of(request)
-    advice = swath_advice(area, prior, Route.read(driven), points, requirement)
+    advice = swath_advice(area, prior, survey.Route.read(driven), points, requirement)
     if not advice.holds:
         raise NotMetError(
             f"no further swaths would reach {requirement.limit_m:.4g} m with {requirement.probability:.0%}; "
@@ -435,4 +405,4 @@ def _plan_next(
     stated: dict[str, Any] = {"probability": predicted.probability, "rmse_m": predicted.rmse_m}
     if advice.route is None:
         stated = {"done": "the guarantee holds, no more driving is needed", **stated}
-    return AdaptivePlan(request=request, route=advice.route, drawing=drawing_of(area, prior), stated=stated)
+    return AdaptivePlan(request=request, route=advice.route, drawing=PlanDrawing(area, prior), stated=stated)

@@ -12,20 +12,21 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from survey.core.errors import FirnlineError
+import survey
+from survey.core import FirnlineError, InputError, duration_text, length_text
 
 if TYPE_CHECKING:
     from pyproj import CRS
 
-    import survey
     from survey.core.arrays import Bounds
 
 Progress = Callable[[str, int, int], None]
 """Called with what is done, how many are done, and how many there are."""
+Action = TypeVar("Action", bound=Callable[..., "Result"])
 _LEAST_MARGIN_M = 200.0
 _MARGIN_CELLS = 4.0
 _DRY_RUN = "nothing was written (--dry-run)"
@@ -69,6 +70,16 @@ class NotMetError(FirnlineError):
 class Result(ABC):
     """Result of an action."""
 
+    def write(self) -> Self:
+        """Write the files that are not written while the action computes.
+
+        Returns
+        -------
+        Result
+            The result with its files.
+        """
+        return self
+
     @abstractmethod
     def lines(self) -> list[str]:
         """Return what was found as lines for people.
@@ -111,6 +122,44 @@ class Result(ABC):
 
 
 @dataclass(frozen=True)
+class WrittenResult(Result):
+    """Result whose files are written after it was computed.
+
+    Parameters
+    ----------
+    request : object
+        Request that names the files.
+    """
+
+    request: Any
+
+    def write(self, out: Path | None = None) -> Self:
+        """Write the files; all replace what was there, or none does.
+
+        Parameters
+        ----------
+        out : pathlib.Path, optional
+            File or folder; that of the request by default.
+
+        Returns
+        -------
+        WrittenResult
+            The result at its place.
+        """
+        placed = self if out is None else replace(self, request=self._request_at(out))
+        placed._write_files()
+        return placed
+
+    def _request_at(self, out: Path) -> Any:
+        """Return the request with another place."""
+        return replace(self.request, out=out)
+
+    @abstractmethod
+    def _write_files(self) -> None:
+        """Write the files that the request names."""
+
+
+@dataclass(frozen=True)
 class Preview(Result):
     """What an action would do with the input that was checked.
 
@@ -150,11 +199,25 @@ class Preview(Result):
         return [*stated, fact_line("would write", files or "no file"), _DRY_RUN]
 
 
+def previewed_by(preview: Callable[[Any], Preview]) -> Callable[[Action], Action]:
+    """Give an action the function that checks its input and returns what it would do."""
+
+    def named(action: Action) -> Action:
+        vars(action)["preview"] = preview
+        return action
+
+    return named
+
+
+def preview_of(action: Callable[..., Result], request: Any) -> Preview:
+    """Check the input of an action, and return what it would do."""
+    made: Preview = vars(action)["preview"](request)
+    return made
+
+
 @contextmanager
 def needs_live_extra() -> Iterator[None]:
     """Turn a missing package into a sentence that names the extra."""
-    from survey.core.errors import InputError
-
     try:
         yield
     except ModuleNotFoundError as error:
@@ -215,8 +278,6 @@ def _title(name: str) -> str:
 
 def _value(name: str, value: Any) -> str:
     """Return a value with the unit that its name ends in."""
-    from survey.core.text import duration_text, length_text
-
     if not isinstance(value, float):
         return str(value)
     if name.endswith("length_m"):
@@ -267,7 +328,6 @@ def companions_of_output(output: Path) -> list[Path]:
 
 
 def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
-    from survey.core.errors import InputError
     from survey.core.replacement import resolved
 
     place = resolved(output)
@@ -279,7 +339,6 @@ def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
 
 
 def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:
-    from survey.core.errors import InputError
     from survey.core.replacement import refuse_foreign
 
     if not os.path.lexists(output):
@@ -305,7 +364,6 @@ def own_crs(path: Path) -> "CRS | None":
 
 def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False) -> "survey.Dem":
     """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach."""
-    import survey
     from planners.capacity import require_cells
     from survey.core.crs import same_crs
     from survey.io.raster.warping import cell_m

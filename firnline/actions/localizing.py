@@ -1,27 +1,29 @@
-"""Estimate path and landmarks from a recording, and calibrate the camera."""
+"""Estimate the path of a rover and its landmarks from a recording."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import survey
 from firnline.actions.interface import (
     Argument,
     Option,
     Preview,
     Progress,
-    Result,
+    WrittenResult,
     fact_line,
     figure_lines,
     needs_live_extra,
     no_progress,
+    previewed_by,
     refuse_existing,
 )
 from firnline.actions.requests import columns_option, epoch_option
+from survey.core import ConfigError, InputError
 
 if TYPE_CHECKING:
     from survey.data.ice_motion import IceMotion
-    from vision_slam.calibration import Board, CameraCalibration
     from vision_slam.drive_estimate import DriveEstimate
     from vision_slam.evaluation import Comparison
     from vision_slam.recorded_drive import RecordedDrive
@@ -134,15 +136,14 @@ class LocalizeRequest:
         """
         from sim.config.world import IceAssumptions
         from sim.world.moving_ice import assumed_motion
-        from survey import InputError, Recording
-        from survey.core.config import validated, with_overrides
+        from survey.core import validated, with_overrides
 
         stated = [one for one in self.settings if one.startswith(_ICE)]
         if self.epoch_s is None:
             if stated:
                 raise InputError(f"--set {stated[0]} is of moving ice; add --epoch, or leave it out.")
             return None
-        if not isinstance(drive.records, Recording):
+        if not isinstance(drive.records, survey.Recording):
             raise InputError(
                 "--epoch estimates the motion of the ice, and the recording has no fixes; add --gps, or leave --epoch out."
             )
@@ -185,8 +186,6 @@ class LocalizeRequest:
 
     def _refuse_image_options(self) -> None:
         """Refuse options of images and of other fixes beside the log of an autopilot."""
-        from survey.core.errors import ConfigError
-
         given = {
             "--camera": self.camera,
             "--topic": self.topics or None,
@@ -203,7 +202,7 @@ class LocalizeRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocalizationResult(Result):
+class LocalizationResult(WrittenResult):
     """Path and landmarks of a drive.
 
     Parameters
@@ -226,32 +225,19 @@ class LocalizationResult(Result):
     comparison: "Comparison | None"
     seconds: float
 
-    def write(self, out: Path | None = None) -> "LocalizationResult":
-        """Write files and pictures, and the file of rerun's viewer where it is asked for.
-
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            The folder; that of the request by default.
-
-        Returns
-        -------
-        LocalizationResult
-            The result at its place.
-        """
-        from survey.core.replacement import replacing_folder
+    def _write_files(self) -> None:
+        """Write files and pictures, and the file of rerun's viewer where it is asked for."""
+        from survey.core import replacing_folder
         from vision_slam.results import OWN_FILES, draw_localization, write_localization, write_pictures
 
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
         drive, estimate = self.drive, self.estimate
-        with replacing_folder(placed.request.out, own=OWN_FILES) as folder:
+        with replacing_folder(self.request.out, own=OWN_FILES) as folder:
             write_localization(folder, estimate)
             write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, self.comparison))
         if self.request.viewer is not None:
             from vision_slam.results import write_rrd
 
             write_rrd(self.request.viewer, estimate, drive.records)
-        return placed
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -285,6 +271,20 @@ class LocalizationResult(Result):
         ]
 
 
+def preview_localization(request: LocalizeRequest) -> Preview:
+    """Read a recording and check the settings, and return what was read."""
+    drive, _, _ = _opened(request)
+    drive.config(request.overrides)
+    drive.visual_config(request.overrides)
+    facts: dict[str, object] = {
+        "images": 0 if drive.records.frames is None else len(drive.records.frames.time_s),
+        "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
+    }
+    notes = {f"note {k}": note for k, note in enumerate(drive.notes, start=1)}
+    return Preview.of([request.out], facts | notes)
+
+
+@previewed_by(preview_localization)
 def localize(request: LocalizeRequest, progress: Progress = no_progress) -> LocalizationResult:
     """Estimate the path of a rover and its landmarks from a recording.
 
@@ -319,19 +319,6 @@ def localize(request: LocalizeRequest, progress: Progress = no_progress) -> Loca
         comparison=drive.compare(estimate, judge),
         seconds=seconds,
     )
-
-
-def preview_localization(request: LocalizeRequest) -> Preview:
-    """Read a recording and check the settings, and return what was read."""
-    drive, _, _ = _opened(request)
-    drive.config(request.overrides)
-    drive.visual_config(request.overrides)
-    facts: dict[str, object] = {
-        "images": 0 if drive.records.frames is None else len(drive.records.frames.time_s),
-        "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
-    }
-    notes = {f"note {k}": note for k, note in enumerate(drive.notes, start=1)}
-    return Preview.of([request.out], facts | notes)
 
 
 def _opened(request: LocalizeRequest) -> "tuple[RecordedDrive, IceMotion | None, Any]":
@@ -393,179 +380,3 @@ def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
         from live.autopilot_logs import read_autopilot_log
 
         return RecordedDrive(*read_autopilot_log(source, crs))
-
-
-@dataclass(frozen=True, kw_only=True)
-class CalibrateRequest:
-    """Images of a board from which a camera is calibrated."""
-
-    images: Annotated[Path, Argument(help="Folder of images of the board, all of one size.")]
-    board: Annotated[
-        str | None, Option("--board", metavar="9x6", help="Inner corners of the chessboard, e.g. 9x6.")
-    ] = None
-    charuco: Annotated[
-        str | None, Option("--charuco", metavar="8x5", help="ChArUco board of so many squares.")
-    ] = None
-    square_mm: Annotated[float, Option("--square-mm", min=0.1, help="Side of a square [mm].")] = 25.0
-    marker_mm: Annotated[
-        float | None, Option("--marker-mm", min=0.1, help="Side of a marker of a ChArUco board [mm].")
-    ] = None
-    dictionary: Annotated[str, Option("--dictionary", help="OpenCV's dictionary of a ChArUco board.")] = (
-        "4X4_50"
-    )
-    model: Annotated[
-        Literal["pinhole", "fisheye"],
-        Option("--model", help="Lens model; fisheye for angles of view above about 120°."),
-    ] = "pinhole"
-    out: Annotated[
-        Path,
-        Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it."),
-    ] = Path("camera.toml")
-    force: Annotated[bool, Option("--force", help="Replace an existing calibration.")] = False
-
-    @property
-    def picture(self) -> Path:
-        """Picture of the residuals."""
-        return self.out.with_suffix(".png")
-
-    def named_board(self) -> "Board":
-        """Return the board that the options name.
-
-        Raises
-        ------
-        ConfigError
-            No board, two boards, or a board without its sizes.
-        """
-        from survey.core.errors import ConfigError
-        from vision_slam.calibration import CharucoBoard, Chessboard
-
-        board, charuco, marker_mm = self.board, self.charuco, self.marker_mm
-        if (board is None) == (charuco is None):
-            raise ConfigError(
-                "one board was expected; name --board 9x6 (inner corners) or --charuco 8x5 (squares)."
-            )
-        if board is not None:
-            if marker_mm is not None:
-                raise ConfigError("a chessboard has no markers; leave --marker-mm out, or name --charuco.")
-            return Chessboard(*_counts(board, "--board"), 1e-3 * self.square_mm)
-        if marker_mm is None:
-            raise ConfigError("a ChArUco board has markers; name their side with --marker-mm.")
-        sizes = (1e-3 * self.square_mm, 1e-3 * marker_mm)
-        return CharucoBoard(*_counts(charuco or "", "--charuco"), *sizes, self.dictionary)
-
-
-@dataclass(frozen=True)
-class CalibrationResult(Result):
-    """Lens of a camera.
-
-    Parameters
-    ----------
-    request : CalibrateRequest
-        What was asked for.
-    calibration : CameraCalibration
-        The lens, with the standard deviation of each parameter.
-    """
-
-    request: CalibrateRequest
-    calibration: "CameraCalibration"
-
-    def write(self, out: Path | None = None) -> "CalibrationResult":
-        """Write the calibration, and a picture of the residuals beside it.
-
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            The file; that of the request by default.
-
-        Returns
-        -------
-        CalibrationResult
-            The result at its place.
-        """
-        from survey.core.files import replacing
-        from survey.figures.style import png_bytes
-        from vision_slam.calibration import calibration_figure
-
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
-        self.calibration.write(placed.request.out)
-        with replacing(placed.request.picture) as draft:
-            draft.write_bytes(png_bytes(calibration_figure(self.calibration)))
-        return placed
-
-    def facts(self) -> dict[str, Any]:
-        """Return parameters, residuals and coverage."""
-        return dict(self.calibration.summary)
-
-    def lines(self) -> list[str]:
-        """Return parameters, images, and the next step."""
-        calibration = self.calibration
-        camera, lens_fit = calibration.camera, calibration.fit
-        lens = (
-            f"{camera.width} × {camera.height} pixels, {camera.model}, RMS {lens_fit.rms_px:.3f} pixels, "
-            f"{100.0 * calibration.coverage:.0f} % of the image reached"
-        )
-        lines = [
-            f"written to {self.request.out}, {self.request.picture}",
-            fact_line("lens", lens),
-        ]
-        for name, value, sigma in zip(calibration.names, calibration.values, calibration.sigma, strict=True):
-            digits = 2 if name[0] in "fc" else 5
-            lines.append(fact_line(name, f"{value:.{digits}f} ± {sigma:.{digits}f}"))
-        for file, rms in zip(calibration.accepted, lens_fit.view_rms_px, strict=True):
-            lines.append(fact_line("used", f"{file.name}: {rms:.3f} pixels"))
-        lines += [fact_line("left out", f"{name}: {reason}") for name, reason in calibration.rejected.items()]
-        return [*lines, fact_line("next", f"firnline localize IMAGES --camera {self.request.out}")]
-
-
-def calibrate(request: CalibrateRequest, progress: Progress = no_progress) -> CalibrationResult:
-    """Calibrate a camera from images of a chessboard or a ChArUco board.
-
-    Parameters
-    ----------
-    request : CalibrateRequest
-        Images and board.
-    progress : callable
-        Called with what is done, how many are done, and how many there are.
-
-    Returns
-    -------
-    CalibrationResult
-        The lens; `CalibrationResult.write` writes it.
-
-    Raises
-    ------
-    InputError
-        Images that show no board, or an output that exists.
-    ConfigError
-        No board, or one without its sizes.
-    """
-    from vision_slam.calibration import calibrate as calibrated
-
-    board = _checked_board(request)
-    return CalibrationResult(
-        request, calibrated(request.images, board, model=request.model, progress=progress)
-    )
-
-
-def preview_calibration(request: CalibrateRequest) -> Preview:
-    """Check the board and count the images."""
-    from vision_slam.readers.images import image_files
-
-    _checked_board(request)
-    return Preview.of([request.out, request.picture], {"images": len(image_files(request.images))})
-
-
-def _checked_board(request: CalibrateRequest) -> "Board":
-    board = request.named_board()
-    refuse_existing([request.out, request.picture], force=request.force, inputs=[request.images])
-    return board
-
-
-def _counts(text: str, option: str) -> tuple[int, int]:
-    """Return the two numbers of a text such as 9x6."""
-    from survey.core.errors import ConfigError
-
-    parts = text.lower().replace("×", "x").split("x")
-    if len(parts) != 2 or not all(part.strip().isdigit() for part in parts):
-        raise ConfigError(f"{option} is {text!r}; two numbers such as 9x6 were expected.")
-    return int(parts[0]), int(parts[1])

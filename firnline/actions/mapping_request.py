@@ -1,5 +1,6 @@
 """Request of a map: options and settings, checked against what the method needs."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,13 +8,13 @@ from pyproj import CRS
 
 import survey
 from firnline.actions.requests import ReconstructRequest
-from survey.core import InputError, Section, validated, with_overrides
+from survey.core import InputError, Section, projected_crs, validated, with_overrides
 from survey.data.ice_motion import ICE_MOTION
-from survey.interchange.scans import holds_sensor_scans
+from survey.interchange.scans import SensorPath, holds_sensor_scans, read_scans, scan_files
 from survey.io.column_names import parse_columns
 from survey.io.point_files import TABLES
 from survey.reconstruction.capacity import require_nodes
-from survey.reconstruction.method import ReconstructionMethod
+from survey.reconstruction.method import ReconstructionMethod, ScanSettings
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
 
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
@@ -54,6 +55,35 @@ class MapRequest:
         """Every file and folder that is read."""
         options = self.options
         return [*options.sources, options.prior, options.area, options.ties, *options.trajectories]
+
+    @property
+    def scan_files(self) -> list[Path]:
+        """Files of the scans, in their order."""
+        return scan_files(self.options.sources)
+
+    @property
+    def scan_settings(self) -> ScanSettings:
+        """Settings of a map from scans."""
+        config = self.config
+        return ScanSettings(self.step_m, rays=config.rays, configs=config.configs_of(self.method))
+
+    def read_scans(self) -> Iterator[survey.SurfacePoints]:
+        """Read the scans one after the other, with the poses of the scanner where a file states them."""
+        options = self.options
+        track = next((SensorPath.read(file) for file in options.trajectories), None)
+        return read_scans(self.scan_files, crs=options.crs, sigma_m=options.sigma_m, track=track)
+
+    def area_of_scans(self) -> survey.SurveyArea | None:
+        """Return the area to map; scans state their CRS one by one, so that --crs or the area's own counts."""
+        options = self.options
+        if options.area is None:
+            return None
+        if options.crs is not None:
+            return self.read_area(projected_crs(options.crs, "the scans"))
+        area = survey.SurveyArea.read(options.area)
+        if not area.crs.is_projected:
+            raise InputError(f"{options.area} is in degrees; add --crs with the CRS of the scans.")
+        return area
 
     def at(self, out: Path) -> "MapRequest":
         """Return the request with another place of the map."""

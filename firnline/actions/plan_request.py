@@ -5,17 +5,25 @@ QGIS project, with the predicted standard deviation of the map.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
-from firnline.actions.interface import Argument, Option, Result, own_crs, read_about
+import planners
+import survey
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    WrittenResult,
+    own_crs,
+    read_about,
+    refuse_existing,
+)
 from firnline.actions.requests import RunOptions
+from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
-    import planners
-    import survey
     from planners.routes.traversability import LeftOut
     from survey.figures.plans import PlanContent, RoverEffort
     from survey.reconstruction.gp.kernels import Kernel
@@ -223,9 +231,6 @@ class PlanRequest(RunOptions):
         InputError
             One sentence that names the output and what to do.
         """
-        from firnline.actions.interface import refuse_existing
-        from survey.core.errors import InputError
-
         if self.out.suffix.lower() not in _FORMATS:
             raise InputError(
                 f"the plan {self.out} ends in {self.out.suffix!r}; one of {', '.join(_FORMATS)} was expected "
@@ -236,7 +241,6 @@ class PlanRequest(RunOptions):
 
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
-        import survey
         from planners.routes.traversability import without_marked
         from survey.io.vector import require_transformation
 
@@ -276,8 +280,6 @@ class PlanDrawing:
 
     def std(self, route: "survey.Route", cell_m: float | None = None) -> "survey.Dem | None":
         """Return the predicted standard deviation of the map; None where no covariance is known."""
-        import planners
-
         if self.kernel is None:
             return None
         return planners.predict_error(route, self.area, self.kernel, noise_m=self.noise_m, cell_m=cell_m).std
@@ -285,7 +287,7 @@ class PlanDrawing:
 
 def write_plan_project(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     """Write the project with its layers: route, area, and, where given, terrain and predicted error. All files are written or none."""
-    from survey.core.replacement import replacing_files
+    from survey.core import replacing_files
     from survey.reporting.qgis import write_project
 
     std = drawing.std(route, drawing.fine_cell_m)
@@ -338,7 +340,7 @@ def _groups(
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanResult(Result):
+class PlanResult(WrittenResult):
     """A plan; each kind of plan adds what is known of it.
 
     Parameters
@@ -355,23 +357,10 @@ class PlanResult(Result):
     route: "survey.Route | None"
     drawing: PlanDrawing
 
-    def write(self, out: Path | None = None) -> Self:
-        """Write the files of the plan; all replace what was there, or none does.
-
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            Main file; that of the request by default.
-
-        Returns
-        -------
-        PlanResult
-            The plan at its place.
-        """
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
-        if placed.route is not None:
-            write_plan(placed.request, placed.route, placed.drawing)
-        return placed
+    def _write_files(self) -> None:
+        """Write the files of the plan; all replace what was there, or none does."""
+        if self.route is not None:
+            write_plan(self.request, self.route, self.drawing)
 
 
 def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
@@ -386,8 +375,6 @@ def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing
 
 def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
     """Return title and text of each number that is expected of a route, by its name."""
-    from survey.core.text import duration_text, energy_text, length_text
-
     texts = {
         "length_m": ("length", length_text),
         "n_turns": ("turns", "{:.0f}".format),
@@ -410,21 +397,19 @@ def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
 
 
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
-    from survey import figures
-    from survey.core.replacement import replacing_files
-    from survey.figures.style import png_bytes
+
+    from survey.core import replacing_files
+    from survey.figures import plan_map, png_bytes
 
     pieces = [piece.polygon for piece in drawing.left_out]
-    figure = figures.plan_map(
-        drawing.area, route, terrain=drawing.terrain, std=drawing.std(route), left_out=pieces
-    )
+    figure = plan_map(drawing.area, route, terrain=drawing.terrain, std=drawing.std(route), left_out=pieces)
     with replacing_files(request.out, request.files["picture"]) as (route_file, picture_file):
         route.write(route_file)
         picture_file.write_bytes(png_bytes(figure))
 
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
-    from survey.core.replacement import replacing_files
+    from survey.core import replacing_files
     from survey.figures.page_layout import pdf_bytes
     from survey.figures.plans import plan_sheets
 
@@ -443,7 +428,6 @@ def _content(
     request: PlanRequest, route: "survey.Route", drawing: PlanDrawing, std: "survey.Dem | None"
 ) -> "PlanContent":
     """Return what the sheets of a plan state."""
-    import planners
     from planners.swaths.reference_lines import swaths_text
     from survey.figures.plans import PlanContent
 

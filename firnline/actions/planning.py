@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import planners
+import survey
 from firnline.actions.guaranteeing import (
     SurveyOptions,
     limit_of,
@@ -13,13 +15,12 @@ from firnline.actions.guaranteeing import (
     plan_joint,
     survey_options,
 )
-from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress
+from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, previewed_by
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts
 from firnline.actions.season import plan_season
+from survey.core import ConfigError, InputError, area_text
 
 if TYPE_CHECKING:
-    import planners
-    import survey
     from planners.routes.traversability import LeftOut
     from survey.reconstruction.gp.kernels import Kernel
 
@@ -107,7 +108,6 @@ def area_plan(
     progress: Progress | None = None,
 ) -> AreaPlan:
     """Plan a route with the sections that `checked_options` returns."""
-    import planners
     from planners.routes.traversability import drivable
 
     route = planners.plan(
@@ -125,7 +125,7 @@ def area_plan(
 
 def checked_options(request: PlanRequest) -> Any:
     """Return the sections planner, rover and fleet as the options ask for them."""
-    from survey.core.config import validated, with_overrides
+    from survey.core import validated, with_overrides
 
     return validated(_sections_model(), with_overrides(_sections(request), request.settings), "the options")
 
@@ -133,9 +133,8 @@ def checked_options(request: PlanRequest) -> Any:
 @cache
 def _sections_model() -> Any:
     """Return the class of the sections that an area is planned with; made once, which takes a while."""
-    import planners
     from planners.registry import PlannerConfig
-    from survey.core.config import Section
+    from survey.core import Section
 
     class Wanted(Section):
         planner: PlannerConfig
@@ -173,20 +172,10 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
 
 def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "tuple[Kernel | None, str]":
     """Return the likeliest covariance of the prior; None, with the reason, where it is too coarse."""
-    from survey.core.errors import InputError
-
     try:
-        return prior_kernel(dem, area), ""
+        return planners.prior_kernel(dem, area), ""
     except InputError as error:
         return None, str(error)
-
-
-def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
-    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses."""
-    import planners
-    from planners.planning import prior_covered_share
-
-    return None if prior_covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
 
 
 def _assumption(kernel: "Kernel") -> str:
@@ -216,6 +205,13 @@ _OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "se
 _DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
 
 
+def preview_plan(request: PlanRequest) -> Preview:
+    """Read and check the inputs of a plan, and return what would be planned and written."""
+    mode_of(request)
+    return Preview.of(request.files.values(), _facts(request))
+
+
+@previewed_by(preview_plan)
 def plan(request: PlanRequest, progress: Progress = no_progress) -> Result:
     """Plan the route of a survey, or find the surveys with which the map of a mission meets a class.
 
@@ -244,16 +240,8 @@ def plan(request: PlanRequest, progress: Progress = no_progress) -> Result:
     return mode_of(request)(request, progress)
 
 
-def preview_plan(request: PlanRequest) -> Preview:
-    """Read and check the inputs of a plan, and return what would be planned and written."""
-    mode_of(request)
-    return Preview.of(request.files.values(), _facts(request))
-
-
 def check_mission_plan(request: PlanRequest) -> None:
     """Refuse options that a mission file decides."""
-    from survey.core.errors import ConfigError
-
     stated = request.given(*_OF_A_MISSION)
     if stated:
         raise ConfigError(
@@ -287,8 +275,6 @@ def _mode_of_area(request: PlanRequest) -> Callable[[PlanRequest, Progress], Pla
         return _season_mode(request)
     if request.require is not None:
         return _guarantee_mode(request)
-    from survey.core.errors import ConfigError
-
     stated = request.given("joint", "adaptive", "driven", "measured", "assume")
     if stated:
         raise ConfigError(
@@ -308,8 +294,6 @@ def _required_swaths(request: PlanRequest, progress: Progress) -> SurveyOptions:
 
 def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
     """Return the function for a season; options that contradict it are refused."""
-    from survey.core.errors import ConfigError
-
     if request.season is None or request.dates is None:
         raise ConfigError(
             "--season and --dates belong together: the wanted error, and the days of both surveys."
@@ -324,8 +308,6 @@ def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], Plan
 
 def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
     """Return the function for a required class; options that contradict it are refused."""
-    from survey.core.errors import ConfigError
-
     stated = [
         name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
     ]
@@ -345,7 +327,6 @@ def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], P
 def _facts(request: PlanRequest) -> dict[str, Any]:
     """Return area, pattern and prior of a request."""
     from survey.core.map_scale import ground_area_m2
-    from survey.core.text import area_text
 
     pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
     if request.require is None and request.season is None:

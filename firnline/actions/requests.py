@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from firnline.actions.interface import Argument, Option
+from survey.core import ConfigError
 
 RUNS = Path("results/runs")
 
@@ -54,8 +55,6 @@ class ExecutionOptions:
 
     def chosen_engine(self) -> Any:
         """Return the engine; a scheduler is one of dask."""
-        from survey.core.errors import ConfigError
-
         if self.engine not in ("serial", "processes", "dask"):
             raise ConfigError(f"there is no engine {self.engine!r}; take serial, processes or dask.")
         return "dask" if self.scheduler else self.engine

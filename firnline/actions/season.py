@@ -2,14 +2,14 @@
 
 import csv
 import io
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import date
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from firnline.actions.guaranteeing import drawing_of, prior_of
+from firnline.actions.guaranteeing import prior_of
 from firnline.actions.interface import NotMetError, Progress, fact_line, no_progress
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
+from survey.core import ConfigError, length_text
 
 if TYPE_CHECKING:
     from planners.guarantee.requirement import Surface
@@ -34,11 +34,9 @@ class SeasonPlan(PlanResult):
 
     design: "SeasonDesign"
 
-    def write(self, out: Path | None = None) -> "SeasonPlan":
+    def _write_files(self) -> None:
         """Write route, map, table and errors; all replace what was there, or none does."""
-        placed = self if out is None else replace(self, request=replace(self.request, out=out))
-        _write(placed.request, placed.design, placed.drawing)
-        return placed
+        _write(self.request, self.design, self.drawing)
 
     def facts(self) -> dict[str, Any]:
         """Return files, unit and the best design."""
@@ -46,8 +44,6 @@ class SeasonPlan(PlanResult):
 
     def lines(self) -> list[str]:
         """Return swaths, days and the error with its causes."""
-        from survey.core.text import length_text
-
         config, best = self.design.config, self.design.best
         first, second = self.design.dates(best)
         days = "1 day" if best.n_days == 1 else f"{best.n_days} days"
@@ -77,7 +73,7 @@ def plan_season(request: PlanRequest, progress: Progress = no_progress) -> Seaso
     design = design_season(area, prior, config)
     if not design.holds:
         raise NotMetError(_refusal(design))
-    return SeasonPlan(request=request, route=design.route, drawing=drawing_of(area, prior), design=design)
+    return SeasonPlan(request=request, route=design.route, drawing=PlanDrawing(area, prior), design=design)
 
 
 def season_config(request: PlanRequest) -> "SeasonConfig":
@@ -102,8 +98,6 @@ def season_config(request: PlanRequest) -> "SeasonConfig":
 
 
 def _number(text: str) -> float:
-    from survey.core.errors import ConfigError
-
     try:
         return float(text)
     except ValueError as error:
@@ -113,8 +107,6 @@ def _number(text: str) -> float:
 
 
 def _dates(text: str) -> tuple[date, date]:
-    from survey.core.errors import ConfigError
-
     try:
         first, last = (date.fromisoformat(part.strip()) for part in text.split(","))
     except ValueError as error:
@@ -152,9 +144,9 @@ def _row(design: "SeasonDesign", option: "SeasonOption") -> dict[str, Any]:
 
 def _write(request: PlanRequest, design: "SeasonDesign", drawing: PlanDrawing) -> None:
     """Write route, map, table and errors; all replace what was there, or none does."""
-    from survey.core.replacement import replacing_files
-    from survey.figures.plans import plan_map, season_plot
-    from survey.figures.style import png_bytes
+    from survey.core import replacing_files
+    from survey.figures import plan_map, png_bytes
+    from survey.figures.plans import season_plot
 
     chart = plan_map(drawing.area, design.route, terrain=drawing.terrain)
     errors: dict[int, list[tuple[int, float]]] = {}

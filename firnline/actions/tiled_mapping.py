@@ -17,6 +17,7 @@ from firnline.actions.interface import (
     fact_line,
     figure_lines,
     no_progress,
+    previewed_by,
     read_about,
 )
 from firnline.actions.requests import ReconstructRequest
@@ -94,6 +95,12 @@ class TiledMapResult(Result):
         return lines
 
 
+def preview_tiles(request: ReconstructRequest) -> Preview:
+    """Read and check all input of a map in tiles, and return the size of the work."""
+    return Preview.of([request.out], _facts(_checked_job(request, removes=False)))
+
+
+@previewed_by(preview_tiles)
 def map_in_tiles(
     request: ReconstructRequest,
     progress: Progress = no_progress,
@@ -128,11 +135,6 @@ def map_in_tiles(
     engine: Any = "dask" if request.scheduler else "serial" if request.workers == 1 else "processes"
     with open_workers(engine, request.workers, request.scheduler) as run:
         return TiledMapResult(job, make_map(job, run, progress))
-
-
-def preview_tiles(request: ReconstructRequest) -> Preview:
-    """Read and check all input of a map in tiles, and return the size of the work."""
-    return Preview.of([request.out], _facts(_checked_job(request, removes=False)))
 
 
 def _checked_job(request: ReconstructRequest, *, removes: bool = True) -> TiledJob:

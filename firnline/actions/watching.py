@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import survey
 from firnline.actions.exporting import read_route
 from firnline.actions.guaranteeing import limit_of
 from firnline.actions.interface import (
@@ -19,7 +20,7 @@ from firnline.actions.interface import (
     with_companions,
 )
 from firnline.actions.requests import Patience, System
-from survey.core.text import duration_text
+from survey.core import duration_text
 
 if TYPE_CHECKING:
     from live.watch.survey_watch import SurveyWatch
@@ -260,10 +261,9 @@ def _sent_on(
     if watching.progress.n_driven < len(watching.legs):
         return
     from live.watch.log import entered, legs_as_lists
-    from survey import Route
 
     if request.next_route is not None:
-        Route(watching.advice.legs, watching.area.crs, "adaptive").write(request.next_route)
+        survey.Route(watching.advice.legs, watching.area.crs, "adaptive").write(request.next_route)
     entry = {"in": "legs", "legs": legs_as_lists(list(watching.advice.legs))}
     entered(watching, entry)
     yield entry
@@ -273,17 +273,16 @@ def _watch(request: WatchRequest) -> "SurveyWatch":
     """Return the watch of a survey before its first sample."""
     from live.watch.survey_watch import SurveyWatch
     from planners.guarantee.adaptive import AdaptiveConfig
-    from survey import ConfigError, SurveyArea
 
     if request.source is None or request.area is None or request.route is None:
-        raise ConfigError(
+        raise survey.ConfigError(
             "a source, --area and --route are needed to watch a survey; --replay needs a log alone."
         )
     route = read_route(request.route, None)
     config = AdaptiveConfig(
         limit_of(request.require), request.probability, noise_m=request.noise_m, shared_m=request.shared_m
     )
-    area = SurveyArea.read(request.area, crs=route.crs)
+    area = survey.SurveyArea.read(request.area, crs=route.crs)
     return SurveyWatch(area, config, list(route.legs), request.every_m)
 
 

@@ -9,7 +9,8 @@ from typer.core import TyperGroup
 
 from firnline.actions.interface import Preview
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, print_result
+from firnline.cli.request import DryRun, Json, Step, print_result
+from survey.core import ConfigError
 
 
 @with_exit_codes
@@ -97,8 +98,6 @@ def _source(name: str) -> Path:
     for file in files:
         if wanted in (file.name, file.stem):
             return file
-    from survey.core.errors import ConfigError
-
     names = dict.fromkeys(file.stem for file in files)
     raise ConfigError(f"there is no example {name!r}; take {', '.join(names)}.")
 
@@ -215,8 +214,6 @@ def _command_help(context: typer.Context, name: str) -> str:
     root = context.find_root()
     commands = root.command.commands if isinstance(root.command, TyperGroup) else {}
     if name not in commands:
-        from survey.core.errors import ConfigError
-
         raise ConfigError(
             f"there is no topic or command {name!r}; take formats, exit-codes, settings or one of {', '.join(commands)}."
         )
@@ -267,3 +264,7 @@ def _settings() -> str:
         "--set KEY=VALUE overrides one, as in --set planner.swaths=6 --set rover.speed_m_s=1.5;\n"
         "an unknown key is refused with the nearest known one."
     )
+
+
+COMMANDS = {Step.EXPLAIN: (doctor, example, schema)}
+"""Commands by the step of a survey that they belong to."""

@@ -7,7 +7,7 @@ import typer
 
 from firnline.cli import guide, mapping, missions, planning, scoring, vehicles
 from firnline.cli.outcome import run_guarded
-from firnline.cli.request import help_of, options
+from firnline.cli.request import Step, help_of, options
 
 # Allocations between two searches for reference cycles; at Python's 700 they take a tenth of the time of a report.
 _ALLOCATIONS = 50_000
@@ -23,35 +23,10 @@ app = typer.Typer(
 )
 
 app.callback()(options)
-for command in (
-    missions.init,
-    planning.desk,
-    planning.plan,
-    vehicles.upload,
-    vehicles.download,
-    vehicles.watch,
-    vehicles.rover,
-    missions.simulate,
-    mapping.calibrate,
-    mapping.localize,
-    mapping.reconstruct,
-    mapping.payload,
-    scoring.score,
-    scoring.change,
-    scoring.track,
-    missions.report,
-    missions.run,
-    missions.montecarlo,
-    missions.rehearse,
-    missions.fit,
-    missions.reproduce,
-    planning.export,
-    missions.show,
-    guide.doctor,
-    guide.example,
-    guide.schema,
-):
-    app.command(help=help_of(command))(command)
+for step in Step:
+    for module in (planning, vehicles, mapping, scoring, missions, guide):
+        for command in module.COMMANDS.get(step, ()):
+            app.command(help=help_of(command))(command)
 app.command("examples", hidden=True)(guide.example)
 app.command("help", help=help_of(guide.help_))(guide.help_)
 

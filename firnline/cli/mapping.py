@@ -2,17 +2,18 @@
 
 import typer
 
-from firnline.actions import localizing
+from firnline import actions
+from firnline.actions.interface import preview_of
 from firnline.actions.requests import PayloadRequest, ReconstructRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Printing, Quiet, print_result, with_options_of
+from firnline.cli.request import DryRun, Json, Printing, Quiet, Step, perform, print_result, with_options_of
 
 
 @with_exit_codes
-@with_options_of(localizing.LocalizeRequest)
+@with_options_of(actions.LocalizeRequest)
 def localize(
-    request: localizing.LocalizeRequest,
+    request: actions.LocalizeRequest,
     dry_run: DryRun = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -46,20 +47,13 @@ def localize(
     EXIF, its calibration from camera.toml (see firnline calibrate) or the focal length in EXIF,
     positions in EXIF as fixes, and wheels.csv and inertial.csv where they are there.
     """
-    from firnline.cli.progress import counted
-
-    if dry_run:
-        print_result(localizing.preview_localization(request))
-        return
-    with counted(quiet=quiet) as progress:
-        made = localizing.localize(request, progress)
-    print_result(made.write(), as_json=as_json)
+    perform(actions.localize, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
 @with_exit_codes
-@with_options_of(localizing.CalibrateRequest)
+@with_options_of(actions.CalibrateRequest)
 def calibrate(
-    request: localizing.CalibrateRequest,
+    request: actions.CalibrateRequest,
     dry_run: DryRun = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -79,14 +73,7 @@ def calibrate(
     the standard deviation of each parameter, and a picture of the residuals (camera.png). The mounting in it
     (T_body_camera) is level and forward until you correct it.
     """
-    from firnline.cli.progress import counted
-
-    if dry_run:
-        print_result(localizing.preview_calibration(request))
-        return
-    with counted(quiet=quiet) as progress:
-        made = localizing.calibrate(request, progress)
-    print_result(made.write(), as_json=as_json)
+    perform(actions.calibrate, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
 @with_exit_codes
@@ -123,23 +110,16 @@ def reconstruct(request: ReconstructRequest, printing: Printing) -> None:
 
 
 def _map(request: ReconstructRequest, printing: Printing) -> None:
-    from firnline.actions.mapping import preview_reconstruction, reconstruct
-    from firnline.cli.progress import counted
-
-    if printing.dry_run:
-        print_result(preview_reconstruction(request))
-        return
-    with counted(quiet=printing.quiet) as progress:
-        made = reconstruct(request, progress)
-    print_result(made.write(), as_json=printing.as_json)
+    perform(
+        actions.reconstruct, request, dry_run=printing.dry_run, as_json=printing.as_json, quiet=printing.quiet
+    )
 
 
 def _map_in_tiles(request: ReconstructRequest, printing: Printing) -> None:
-    from firnline.actions.tiled_mapping import map_in_tiles, preview_tiles
     from firnline.cli.progress import counted
 
     if printing.dry_run:
-        print_result(preview_tiles(request))
+        print_result(preview_of(actions.map_in_tiles, request))
         return
 
     def announce(line: str) -> None:
@@ -147,7 +127,7 @@ def _map_in_tiles(request: ReconstructRequest, printing: Printing) -> None:
             typer.echo(line, err=True)
 
     with counted(quiet=printing.quiet) as progress:
-        made = map_in_tiles(request, progress, announce)
+        made = actions.map_in_tiles(request, progress, announce)
     print_result(made.write(), as_json=printing.as_json)
 
 
@@ -162,9 +142,8 @@ def payload(request: PayloadRequest, dry_run: DryRun = False, quiet: Quiet = Fal
 
       firnline payload albedo.csv --name albedo --unit 1 --terrain dem.tif --out albedo
     """
-    from firnline.actions import mapping
+    perform(actions.payload, request, dry_run=dry_run, quiet=quiet)
 
-    if dry_run:
-        print_result(mapping.preview_payload(request))
-    else:
-        print_result(mapping.payload(request).write(), quiet=quiet)
+
+COMMANDS = {Step.MAP: (calibrate, localize, reconstruct, payload)}
+"""Commands by the step of a survey that they belong to."""

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from firnline import actions
+from firnline.actions.interface import preview_of
 from firnline.actions.requests import (
     InitRequest,
     MonteCarloRequest,
@@ -19,14 +21,25 @@ from firnline.actions.requests import (
     SimulateRequest,
 )
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Printing, Quiet, Verbose, print_result, with_options_of
+from firnline.cli.request import (
+    DryRun,
+    Json,
+    Printing,
+    Quiet,
+    Step,
+    Verbose,
+    perform,
+    print_result,
+    with_options_of,
+)
+from survey.core import FirnlineError, InputError
 
 
 def run_stages(
     mission_file: Path, options: RunOptions, until: str, printing: Printing, *, workers: int | None = None
 ) -> None:
     """Run the stages of a mission up to one and print its summary, or print which stages would be done."""
-    from firnline.actions.missions import preview_stages, run_until
+    from firnline.actions.runs import preview_stages, run_until
 
     if printing.dry_run:
         print_result(preview_stages(mission_file, options, until=until))
@@ -62,10 +75,9 @@ def init(request: InitRequest, dry_run: DryRun = False) -> None:
 
       firnline init my-survey.toml --dem copernicus.tif
     """
-    from firnline.actions import missions
     from firnline.actions.interface import Preview
 
-    made = missions.init(request)
+    made = actions.init(request)
     print_result(Preview.of([request.path]) if dry_run else made.write())
 
 
@@ -85,12 +97,10 @@ def run(request: RunRequest, printing: Printing) -> None:
 
       firnline run mine.toml --dry-run
     """
-    from firnline.actions import missions
-
     if printing.dry_run:
-        print_result(missions.preview_run(request))
+        print_result(preview_of(actions.run, request))
         return
-    made = missions.run(request, watched_by(printing), verbose=printing.verbose)
+    made = actions.run(request, watched_by(printing), verbose=printing.verbose)
     print_result(made, as_json=printing.as_json)
 
 
@@ -117,12 +127,10 @@ def report(request: ReportRequest, printing: Printing) -> None:
 
       firnline report mine.toml
     """
-    from firnline.actions import missions
-
     if printing.dry_run:
-        print_result(missions.preview_report(request))
+        print_result(preview_of(actions.report, request))
         return
-    made = missions.report(request, watched_by(printing), verbose=printing.verbose)
+    made = actions.report(request, watched_by(printing), verbose=printing.verbose)
     print_result(made, as_json=printing.as_json)
 
 
@@ -141,9 +149,7 @@ def show(
 
       firnline show results/runs/srtm-ridge
     """
-    from firnline.actions import missions
-
-    print_result(missions.show(run), as_json=as_json)
+    print_result(actions.show(run), as_json=as_json)
 
 
 @with_exit_codes
@@ -161,15 +167,7 @@ def montecarlo(
 
       firnline montecarlo study.toml --set trials=1000 --scheduler tcp://10.0.0.5:8786
     """
-    from firnline.actions import missions
-    from firnline.cli.progress import counted
-
-    if dry_run:
-        print_result(missions.preview_montecarlo(request))
-        return
-    with counted(quiet=quiet) as progress:
-        made = missions.montecarlo(request, progress)
-    print_result(made, as_json=as_json)
+    perform(actions.montecarlo, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
 @with_exit_codes
@@ -186,15 +184,9 @@ def rehearse(request: RehearseRequest, printing: Printing) -> None:
 
       firnline rehearse mine.toml --set fleet.loss_probability=0.1
     """
-    from firnline.actions import missions
-    from firnline.cli.progress import counted
-
-    if printing.dry_run:
-        print_result(missions.preview_rehearsal(request))
-        return
-    with counted(quiet=printing.quiet) as progress:
-        made = missions.rehearse(request, progress)
-    print_result(made.write(), as_json=printing.as_json)
+    perform(
+        actions.rehearse, request, dry_run=printing.dry_run, as_json=printing.as_json, quiet=printing.quiet
+    )
 
 
 @with_exit_codes
@@ -210,9 +202,7 @@ def fit(
 
       firnline fit results/runs/glacier-drive/latest > sensors.toml
     """
-    from firnline.actions import missions
-
-    typer.echo(missions.fit(runs), nl=False)
+    typer.echo(actions.fit(runs), nl=False)
 
 
 @with_exit_codes
@@ -247,7 +237,6 @@ def reproduce(
       firnline reproduce all --out /tmp/results --quick
     """
     from papers.studies import STUDIES
-    from survey.core.errors import InputError
 
     if list_all:
         typer.echo("\n".join(STUDIES))
@@ -296,8 +285,6 @@ def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -
 
 def _reproduce_all(out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
     """Make all studies that are not complete, in the order of the papers."""
-    from survey.core.errors import FirnlineError, InputError
-
     left = _left(out, quick=quick, force=force)
     _announce(left, out, quick=quick)
     refused = []
@@ -324,3 +311,12 @@ def _announce(left: list[str], out: Path, *, quick: bool) -> None:
     for name in () if quick else left:
         if name in LONG:
             typer.echo(f"{name} is long: {LONG[name]}")
+
+
+COMMANDS = {
+    Step.BEGIN: (init,),
+    Step.DRIVE: (simulate,),
+    Step.RUN: (report, run, montecarlo, rehearse, fit, reproduce),
+    Step.READ: (show,),
+}
+"""Commands by the step of a survey that they belong to."""

@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
-from firnline.actions import exporting
-from firnline.actions.plan_request import PlanRequest, PlanResult
+from firnline import actions
+from firnline.actions.plan_request import PlanRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Printing, print_result, with_options_of
+from firnline.cli.request import DryRun, Printing, Step, perform, with_options_of
+from survey.core import ConfigError, InputError
 
 
 @with_exit_codes
@@ -49,24 +50,18 @@ def plan(request: PlanRequest, printing: Printing) -> None:
 
       firnline plan mine.toml --require class-3
     """
-    from firnline.actions.planning import mode_of, plan, preview_plan
-    from firnline.cli.progress import counted
+    from firnline.actions.planning import mode_of
 
     if request.is_mission and (printing.dry_run or request.require is None):
         mode_of(request)
         run_stages(request.source, request, "plan", printing)
         return
-    if printing.dry_run:
-        print_result(preview_plan(request))
-        return
-    with counted(quiet=printing.quiet) as progress:
-        made = plan(request, progress)
-    print_result(made.write() if isinstance(made, PlanResult) else made, as_json=printing.as_json)
+    perform(actions.plan, request, dry_run=printing.dry_run, as_json=printing.as_json, quiet=printing.quiet)
 
 
 @with_exit_codes
-@with_options_of(exporting.ExportRequest)
-def export(request: exporting.ExportRequest, dry_run: DryRun = False) -> None:
+@with_options_of(actions.ExportRequest)
+def export(request: actions.ExportRequest, dry_run: DryRun = False) -> None:
     """Write a file in the format that the other's ending names.
 
     For example:
@@ -81,10 +76,7 @@ def export(request: exporting.ExportRequest, dry_run: DryRun = False) -> None:
 
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
-    if dry_run:
-        print_result(exporting.preview_export(request))
-    else:
-        print_result(exporting.export(request).write())
+    perform(actions.export, request, dry_run=dry_run)
 
 
 @with_exit_codes
@@ -118,8 +110,6 @@ def desk(
 
       firnline desk --demo
     """
-    from survey.core.errors import ConfigError, InputError
-
     if demo and source is not None:
         raise ConfigError(f"--demo brings its own terrain; leave out {source}.")
     try:
@@ -129,3 +119,7 @@ def desk(
             f"the desk needs {error.name}, which is not installed; install firnline[desk]."
         ) from error
     serve(source, port=port, opens_browser=not no_browser, demo=demo)
+
+
+COMMANDS = {Step.PLAN: (desk, plan), Step.READ: (export,)}
+"""Commands by the step of a survey that they belong to."""

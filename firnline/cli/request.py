@@ -7,13 +7,14 @@ they state, and `print_result` prints a result as lines or as JSON.
 import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from enum import IntEnum
 from functools import wraps
 from inspect import Parameter, Signature, get_annotations, signature
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 
-from firnline.actions.interface import Argument, Option, Result
+from firnline.actions.interface import Argument, Option, Result, preview_of
 from firnline.cli.outcome import NOT_MET
 
 Request = TypeVar("Request")
@@ -26,6 +27,20 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stder
 Verbose = Annotated[
     int, typer.Option("--verbose", "-v", count=True, help="More detail in the log; -vv shows tracebacks.")
 ]
+
+
+class Step(IntEnum):
+    """Steps of a survey, in the order in which ``firnline --help`` lists their commands."""
+
+    BEGIN = 1
+    PLAN = 2
+    VEHICLE = 3
+    DRIVE = 4
+    MAP = 5
+    JUDGE = 6
+    RUN = 7
+    READ = 8
+    EXPLAIN = 9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +108,30 @@ def _taken(kind: type, options: dict[str, Any]) -> Any:
     """Take the fields of a dataclass out of the options of a command."""
     names = [field.name for field in fields(kind)]
     return kind(**{name: options.pop(name) for name in names if name in options})
+
+
+def perform(
+    action: Callable[..., Result],
+    request: Any,
+    *,
+    dry_run: bool = False,
+    as_json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Carry out an action, write its files and print its result, or print what it would do.
+
+    ``quiet`` leaves out the progress of an action that reports it, and the result of one that does not.
+    """
+    if dry_run:
+        print_result(preview_of(action, request))
+    elif "progress" not in signature(action).parameters:
+        print_result(action(request).write(), as_json=as_json, quiet=quiet)
+    else:
+        from firnline.cli.progress import counted
+
+        with counted(quiet=quiet) as progress:
+            made = action(request, progress)
+        print_result(made.write(), as_json=as_json)
 
 
 def print_result(result: Result, *, as_json: bool = False, quiet: bool = False) -> None:

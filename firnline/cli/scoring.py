@@ -2,16 +2,16 @@
 
 import typer
 
-from firnline.actions import changes
-from firnline.actions.scoring import ScoreRequest
+from firnline import actions
+from firnline.actions.interface import preview_of
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Printing, Quiet, print_result, with_options_of
+from firnline.cli.request import DryRun, Json, Printing, Quiet, Step, perform, print_result, with_options_of
 
 
 @with_exit_codes
-@with_options_of(ScoreRequest)
-def score(request: ScoreRequest, printing: Printing) -> None:
+@with_options_of(actions.ScoreRequest)
+def score(request: actions.ScoreRequest, printing: Printing) -> None:
     """Judge a map against a reference or checkpoints: error statistics, coverage, map class.
 
     Large rasters are read in blocks. A standard whose conditions are not met gives no verdict.
@@ -31,24 +31,22 @@ def score(request: ScoreRequest, printing: Printing) -> None:
 
       firnline score mine.toml
     """
-    from firnline.actions import scoring
-
     if request.is_mission:
         request.refuse_options_of_maps()
         run_stages(request.source, request, "score", printing)
         return
     if printing.dry_run:
-        print_result(scoring.preview_score(request))
+        print_result(preview_of(actions.score, request))
         return
-    made = scoring.score(request).write()
+    made = actions.score(request).write()
     if printing.as_json and made.written is not None:
         typer.echo(made.report_line, err=True)
     print_result(made, as_json=printing.as_json)
 
 
 @with_exit_codes
-@with_options_of(changes.ChangeRequest)
-def change(request: changes.ChangeRequest, dry_run: DryRun = False, as_json: Json = False) -> None:
+@with_options_of(actions.ChangeRequest)
+def change(request: actions.ChangeRequest, dry_run: DryRun = False, as_json: Json = False) -> None:
     """Compute the change of elevation, volume and mass on the ground, with correlated errors.
 
     For example:
@@ -61,15 +59,12 @@ def change(request: changes.ChangeRequest, dry_run: DryRun = False, as_json: Jso
 
       firnline change 2026.tif 2024.tif --outline glacier.gpkg --flow track --thickness 80
     """
-    if dry_run:
-        print_result(changes.preview_change(request))
-    else:
-        print_result(changes.change(request).write(), as_json=as_json)
+    perform(actions.change, request, dry_run=dry_run, as_json=as_json)
 
 
 @with_exit_codes
-@with_options_of(changes.TrackRequest)
-def track(request: changes.TrackRequest, dry_run: DryRun = False, quiet: Quiet = False) -> None:
+@with_options_of(actions.TrackRequest)
+def track(request: actions.TrackRequest, dry_run: DryRun = False, quiet: Quiet = False) -> None:
     """Track the features of a moving surface between two surveys: displacements, velocities and their errors.
 
     Weak matches, and those that contradict their neighbours, are written with outlier = 1.
@@ -78,7 +73,8 @@ def track(request: changes.TrackRequest, dry_run: DryRun = False, quiet: Quiet =
 
       firnline track 2024.tif 2026.tif --days 730 -o velocity.gpkg
     """
-    if dry_run:
-        print_result(changes.preview_track(request))
-    else:
-        print_result(changes.track(request).write(), quiet=quiet)
+    perform(actions.track, request, dry_run=dry_run, quiet=quiet)
+
+
+COMMANDS = {Step.JUDGE: (score, change, track)}
+"""Commands by the step of a survey that they belong to."""

@@ -5,17 +5,17 @@ from typing import Annotated
 
 import typer
 
-from firnline.actions import exporting
+from firnline import actions
 from firnline.actions.interface import needs_live_extra
 from firnline.actions.watching import WatchRequest
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Quiet, print_result, with_options_of
+from firnline.cli.request import DryRun, Json, Quiet, Step, perform, print_result, with_options_of
 
 
 @with_exit_codes
-@with_options_of(exporting.UploadRequest)
+@with_options_of(actions.UploadRequest)
 def upload(
-    request: exporting.UploadRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
+    request: actions.UploadRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
 ) -> None:
     """Send a route to a rover over MAVLink, read it back and compare it item by item.
 
@@ -30,19 +30,12 @@ def upload(
     With an area the rover gets a fence as well, 10 m outside its outline, with the no-go zones. The rover exchanges its
     mission when the last item has come: an upload that ends early leaves the former one. Needs firnline[live].
     """
-    from firnline.cli.progress import counted
-
-    if dry_run:
-        print_result(exporting.preview_upload(request))
-        return
-    with counted(quiet=quiet) as progress:
-        made = exporting.upload(request, progress)
-    print_result(made, as_json=as_json)
+    perform(actions.upload, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
 @with_exit_codes
-@with_options_of(exporting.DownloadRequest)
-def download(request: exporting.DownloadRequest, quiet: Quiet = False) -> None:
+@with_options_of(actions.DownloadRequest)
+def download(request: actions.DownloadRequest, quiet: Quiet = False) -> None:
     """Read the mission that a rover holds, and write its waypoints as a route.
 
     For example:
@@ -53,11 +46,7 @@ def download(request: exporting.DownloadRequest, quiet: Quiet = False) -> None:
 
     Needs firnline[live].
     """
-    from firnline.cli.progress import counted
-
-    with counted(quiet=quiet) as progress:
-        made = exporting.download(request, progress)
-    print_result(made.write())
+    perform(actions.download, request, quiet=quiet)
 
 
 @with_exit_codes
@@ -120,10 +109,13 @@ def watch(request: WatchRequest, quiet: Quiet = False) -> None:
     about a rover that is stuck or silent, and about the charge for the way home. Ends with exit code 5 where no further
     swath would reach the class. Telemetry needs firnline[live].
     """
-    from firnline.actions import watching
 
     def show(line: str) -> None:
         if not quiet:
             typer.echo(line)
 
-    print_result(watching.watch(request, show))
+    print_result(actions.watch(request, show))
+
+
+COMMANDS = {Step.VEHICLE: (upload, download, watch, rover)}
+"""Commands by the step of a survey that they belong to."""

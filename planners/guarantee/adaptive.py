@@ -33,7 +33,8 @@ from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_line
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
-from survey import InputError, Leg, Route, SurveyArea
+from planners.swaths.heading import across_marked_grain
+from survey import Dem, InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray
 
 MeasureHeights = Callable[[FloatArray], FloatArray]
@@ -79,6 +80,11 @@ class AdaptiveConfig(ErrorLimit):
         """
         names = [one.name for one in fields(ErrorLimit)]
         return cls(**{name: getattr(requirement, name) for name in names}, heading_deg=heading_deg)
+
+    @classmethod
+    def across_grain(cls, requirement: ErrorLimit, area: SurveyArea, prior: Dem) -> Self:
+        """Take limit, probability and errors from a requirement, and a heading across a marked grain of the terrain."""
+        return cls.of(requirement, across_marked_grain(area.free, prior))
 
 
 def nearest_line(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:

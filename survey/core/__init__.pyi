@@ -30,6 +30,12 @@ from survey.core.files import first_line as first_line
 from survey.core.files import replacing as replacing
 from survey.core.files import write_bytes as write_bytes
 from survey.core.files import write_text as write_text
+from survey.core.replacement import replacing_files as replacing_files
+from survey.core.replacement import replacing_folder as replacing_folder
 from survey.core.streams import stream as stream
+from survey.core.text import area_text as area_text
+from survey.core.text import duration_text as duration_text
+from survey.core.text import energy_text as energy_text
+from survey.core.text import length_text as length_text
 from survey.core.text import printable as printable
 from survey.core.text import round_number as round_number

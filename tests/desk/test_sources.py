@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from desk.workspace import open_workspace, write_demo
-from firnline.actions.missions import run_until
 from firnline.actions.requests import RunOptions
+from firnline.actions.runs import run_until
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.docs.recipes.command import COMMAND
 from tests.docs.recipes.kernel import KERNEL
 from tests.docs.recipes.method import METHOD
 from tests.docs.recipes.planner import PLANNER
@@ -16,7 +17,7 @@ from tests.docs.recipes.route_format import ROUTE_FORMAT
 from tests.docs.recipes.sensor import SENSOR
 
 ROOT = Path(__file__).parents[2]
-RECIPES = (PLANNER, METHOD, SENSOR, ROUTE_FORMAT, KERNEL)
+RECIPES = (PLANNER, METHOD, SENSOR, ROUTE_FORMAT, KERNEL, COMMAND)
 PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers")
 PRELUDE = """
 import sys

@@ -26,9 +26,12 @@ from desk.measured import measured_map
 from desk.plan.document import PlanDocument
 from desk.plan.exports import PlanExport
 from desk.plan.live import LivePlanner
-from firnline import actions
-from firnline.actions.interface import Result
+from firnline import MissionConfig, actions
+from firnline.actions.interface import Result, preview_of
+from firnline.cli.guide import examples_folder
 from firnline.cli.main import app
+from papers.studies import replacing_study, study
+from sim.mission.runs import json_schema
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.text import round_number
 from tests.vision_slam.rendered import chessboard_images
@@ -312,16 +315,16 @@ DOORS = {
 }
 WITHOUT_FILES = {
     "desk": "serves a page until it is stopped; its plans are files of its own",
-    "upload": "sends a mission to a vehicle and writes no file; the desk does not drive vehicles",
+    "upload": "sends a mission to a vehicle and writes no file; what --dry-run prints is compared below",
     "download": "reads a mission from a vehicle; tests/live holds the route against the vehicle's",
     "rover": "simulates a vehicle until it is stopped and writes no file",
     "fit": "prints settings from runs with images, which take minutes; the action returns the printed text",
     "show": "prints the record of a run and writes no file; its lines are compared below",
-    "reproduce": "makes the figures of the papers, each by its own function in `papers.studies`",
+    "reproduce": "makes the figures of the papers; one table is compared with its function below",
     "doctor": "checks the machine and reads no data",
-    "example": "copies a file of the package",
+    "example": "copies a file of the package, compared below",
     "examples": "is a second name of example",
-    "schema": "prints the schema of mission files and reads no data",
+    "schema": "prints the schema of mission files, compared below",
     "help": "explains a topic and reads no data",
 }
 
@@ -388,8 +391,7 @@ def commanded(name: str, words: tuple[str, ...]) -> str:
 
 def written(result: Result) -> Result:
     """Write a result that is not written while it is computed."""
-    write = getattr(result, "write", None)
-    return result if write is None else write()
+    return result.write()
 
 
 def test_the_table_holds_every_command():
@@ -474,6 +476,48 @@ def test_show_prints_the_lines_of_its_result(messy, monkeypatch):
         commanded("show", ("runs/small/latest",)).splitlines()
         == actions.show(Path("runs/small/latest")).lines()
     )
+
+
+def test_a_log_is_replayed_as_it_was_written_by_command_and_call(messy, tmp_path):
+    def after(replay: Callable[[], object]) -> dict[str, bytes]:
+        def work() -> None:
+            commanded("watch", DOORS["watch"].words)
+            replay()
+
+        return in_copy(messy, tmp_path / "work", work)
+
+    by_command = after(lambda: commanded("watch", ("--replay", "drive.jsonl", "--log", "again.jsonl")))
+    request = actions.WatchRequest(replay=Path("drive.jsonl"), log=Path("again.jsonl"))
+    assert after(lambda: actions.watch(request)) == by_command
+    assert by_command["again.jsonl"] == by_command["drive.jsonl"]
+
+
+def test_a_dry_run_of_an_upload_prints_the_lines_of_its_preview(messy, monkeypatch):
+    monkeypatch.chdir(messy)
+    words = ("drawn.geojson", "udp://127.0.0.1:9", "--area", "site.gpkg", "--dry-run")
+    request = actions.UploadRequest(
+        source=Path("drawn.geojson"), url="udp://127.0.0.1:9", area=Path("site.gpkg")
+    )
+    assert commanded("upload", words).splitlines() == preview_of(actions.upload, request).lines()
+
+
+def test_a_table_of_a_paper_is_that_of_its_function(messy, tmp_path):
+    name = "glacier-table1"
+    by_command = in_copy(messy, tmp_path / "work", lambda: commanded("reproduce", (name, "--quick", "-q")))
+
+    def of_call() -> None:
+        with replacing_study(Path("results") / name, quick=True) as draft:
+            study(name)(draft, quick=True, progress=lambda *_: None)
+
+    assert by_command
+    assert in_copy(messy, tmp_path / "work", of_call) == by_command
+
+
+def test_examples_and_schemas_are_those_of_the_package(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    commanded("example", ("short_drive",))
+    assert Path("short_drive.toml").read_bytes() == (examples_folder() / "short_drive.toml").read_bytes()
+    assert json.loads(commanded("schema", ())) == json_schema(MissionConfig, "firnline mission file")
 
 
 def _knows_all(route: str) -> bool:

@@ -12,9 +12,21 @@ import numpy as np
 from survey.core import InputError
 from survey.data import Grid, IceMotion
 from survey.data.path_error import motion_rows
+from survey.reconstruction.motion.epoch import at_epoch, with_age
+from survey.reconstruction.terrain_map import Reconstruction
 
 if TYPE_CHECKING:
     from survey.reconstruction.joint.solution import JointSolution
+
+
+def on_ice(
+    result: Reconstruction, motion: IceMotion, solution: "JointSolution", epoch_s: float | None
+) -> tuple[Reconstruction, IceMotion]:
+    """Return a joint map with its age, or moved to an epoch in seconds of the recording, and the refined motion of the ice."""
+    refined = refined_motion(motion, solution)
+    if epoch_s is None:
+        return with_age(result, refined), refined
+    return at_epoch(result, refined, epoch_s)
 
 
 def refined_motion(motion: IceMotion, solution: "JointSolution") -> IceMotion:

@@ -12,7 +12,7 @@ from survey.core.errors import ConfigError, InputError
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.checks import CONFIDENCE, RmseClaim, RmsePosterior
 from survey.reconstruction.motion.epoch import AGE, MapAge
-from survey.reconstruction.terrain_map import Reconstruction
+from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.standards.standards import (
     CONTOURS,
     DIVISORS,
@@ -249,10 +249,12 @@ def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certif
 
 
 def own_claim(reconstruction: Reconstruction) -> list[str]:
-    """Return what a map of elevation states of itself, in sentences: the check by points left out, and its classes.
+    """Return what a map states of itself, in sentences: the check by points left out, and its classes.
 
-    Returns: empty for a map that was neither tested nor has a joint covariance.
+    Returns: empty for a map that was neither tested nor has a joint covariance; classes and age are of elevation only.
     """
+    if reconstruction.quantity != ELEVATION:
+        return beyond_sentences(reconstruction)
     check, certified = reconstruction.check, certificate(reconstruction)
     sentences = [] if check is None else [check.sentence]
     sentences += beyond_sentences(reconstruction)

@@ -224,7 +224,7 @@ def test_a_failing_picture_leaves_the_old_route_and_picture(monkeypatch):
     def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("survey.figures.style.png_bytes", full)
+    monkeypatch.setattr("survey.figures.png_bytes", full)
     CliRunner().invoke(app, ["plan", "site.gpkg", "--swaths", "4", "--force", "-q"])
     assert {name: Path(name).read_bytes() for name in before} == before
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
-from firnline.actions.missions import earlier_seconds
+from firnline.actions.runs import earlier_seconds
 from firnline.cli.progress import TimeLeftColumn
 from survey.core.run_folder import RunFolder
 

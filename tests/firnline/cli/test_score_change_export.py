@@ -151,7 +151,7 @@ def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.
     def full(*_: object) -> bytes:
         raise InputError("the disk is full")
 
-    monkeypatch.setattr("survey.figures.style.png_bytes", full)
+    monkeypatch.setattr("survey.figures.png_bytes", full)
     output_of(*args, "--force", "--no-level", code=3)
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == old
 

@@ -1,8 +1,7 @@
 """Run the stages of missions, draw their reports, and summarize them."""
 
-import csv
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -11,25 +10,28 @@ from typing import Any
 
 import numpy as np
 
-from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, refuse_existing
+from firnline.actions.interface import (
+    Preview,
+    Result,
+    WrittenResult,
+    fact_line,
+    previewed_by,
+    refuse_existing,
+)
 from firnline.actions.requests import (
     InitRequest,
-    MonteCarloRequest,
-    RehearseRequest,
     ReportRequest,
     RunOptions,
     RunRequest,
     SimulateRequest,
 )
 from firnline.actions.scoring import best_class, class_met
-from sim.mission.rehearsal import FaultEvent, fault_tree, summarize_outcomes
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
-from sim.montecarlo.config import read_study
 from sim.world.site import SharedWorld
-from survey import ConfigError, Dem, InputError
-from survey.core.documents import cut_incomplete_line, log_line, read_json, read_log, read_record
-from survey.core.files import replacing
+from survey import ConfigError, Dem, InputError, Reconstruction
+from survey.core import read_json, replacing
+from survey.core.documents import cut_incomplete_line, log_line, read_log
 from survey.core.replacement import resolved
 from survey.core.run_folder import STAGES, RunFolder
 
@@ -39,7 +41,7 @@ _PACKAGES = ("survey", "planners", "vision_slam", "sim", "live", "desk", "papers
 
 
 @dataclass(frozen=True)
-class MissionTemplate(Result):
+class MissionTemplate(WrittenResult):
     """Mission file with every setting, its unit and its default.
 
     Parameters
@@ -53,23 +55,13 @@ class MissionTemplate(Result):
     request: InitRequest
     text: str
 
-    def write(self, out: Path | None = None) -> "MissionTemplate":
-        """Write the file.
+    def _request_at(self, out: Path) -> InitRequest:
+        return replace(self.request, path=out)
 
-        Parameters
-        ----------
-        out : pathlib.Path, optional
-            The file; that of the request by default.
-
-        Returns
-        -------
-        MissionTemplate
-            The result at its place.
-        """
-        placed = self if out is None else replace(self, request=replace(self.request, path=out))
-        with replacing(resolved(placed.request.path)) as draft:
+    def _write_files(self) -> None:
+        """Write the file."""
+        with replacing(resolved(self.request.path)) as draft:
             draft.write_text(self.text, encoding="utf-8")
-        return placed
 
     def lines(self) -> list[str]:
         """Return what was written, and the next step."""
@@ -153,6 +145,12 @@ def _unwatched(seconds: Mapping[str, float]) -> StageContext:
     return nullcontext
 
 
+def preview_run(request: RunRequest) -> Preview:
+    """Check a mission and its input, and return where it would run and which stages are to be done."""
+    return preview_stages(request.mission, request, first=_first(request), until=request.until)
+
+
+@previewed_by(preview_run)
 def run(request: RunRequest, watch: Watch = _unwatched, *, verbose: int | None = None) -> RunResult:
     """Run a mission from plan to report, or continue it.
 
@@ -187,11 +185,6 @@ def run(request: RunRequest, watch: Watch = _unwatched, *, verbose: int | None =
         verbose=verbose,
     )
     return made if request.require else replace(made, wanted=None)
-
-
-def preview_run(request: RunRequest) -> Preview:
-    """Check a mission and its input, and return where it would run and which stages are to be done."""
-    return preview_stages(request.mission, request, first=_first(request), until=request.until)
 
 
 def _first(request: RunRequest) -> str | None:
@@ -238,6 +231,14 @@ def run_until(
     return RunResult(run, mission.score.require)
 
 
+def preview_report(request: ReportRequest) -> Preview:
+    """Check a run or a mission, and return where its report would be written."""
+    if request.source.suffix == ".toml":
+        return preview_stages(request.source, request)
+    return Preview.of([_scored_run(request.source).folder("report")])
+
+
+@previewed_by(preview_report)
 def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | None = None) -> RunResult:
     """Draw the report of a run again; a mission file is run first where it is not done yet.
 
@@ -270,13 +271,6 @@ def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | 
     with found.stage("report") as folder:
         write_mission_report(folder, found)
     return RunResult(found)
-
-
-def preview_report(request: ReportRequest) -> Preview:
-    """Check a run or a mission, and return where its report would be written."""
-    if request.source.suffix == ".toml":
-        return preview_stages(request.source, request)
-    return Preview.of([_scored_run(request.source).folder("report")])
 
 
 def _scored_run(source: Path) -> RunFolder:
@@ -385,11 +379,9 @@ def _driven(folder: Path) -> dict[str, Any]:
 
 def _own_claim(folder: Path) -> list[str]:
     """Return what the map states of itself: the check by points left out, and its classes."""
-    from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
     from survey.scoring.standards.map_classes import own_claim
 
-    result = Reconstruction.read(folder)
-    return own_claim(result) if result.quantity == ELEVATION else []
+    return own_claim(Reconstruction.read(folder))
 
 
 def _drive_lines(content: dict[str, Any]) -> list[str]:
@@ -445,218 +437,3 @@ def logged_to(path: Path, verbose: int | None) -> Iterator[None]:
                 logger.removeHandler(handler)
         for handler in handlers:
             handler.close()
-
-
-@dataclass(frozen=True)
-class StudyResult(Result):
-    """Monte Carlo study, whose files are in its folder.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the study.
-    page : pathlib.Path
-        Its report.
-    """
-
-    folder: Path
-    page: Path
-
-    def facts(self) -> dict[str, Any]:
-        """Return the fewest swaths of every curve, from files that are checked."""
-        read_record(self.folder)
-        with (self.folder / "minimum_swaths.csv").open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-        return {"study": str(self.folder), "report": str(self.page), "minimum_swaths": rows}
-
-    def lines(self) -> list[str]:
-        """Return the fewest swaths of every curve, and the places of table and report."""
-        lines = []
-        for row in self.facts()["minimum_swaths"]:
-            fewest, safe = row["fewest_by_mean"] or "none", row["fewest_by_90_percent"] or "none"
-            lines.append(
-                f"{row['terrain']}, {row['planner']}, {row['map']}: fewest swaths by the mean error {fewest}, in 90 % of "
-                f"trials {safe}"
-            )
-        return [*lines, fact_line("table", self.folder / "trials.csv"), fact_line("report", self.page)]
-
-
-def montecarlo(request: MonteCarloRequest, progress: Progress = no_progress) -> StudyResult:
-    """Survey many random terrains by several planners, and count the swaths that a map class takes.
-
-    Parameters
-    ----------
-    request : MonteCarloRequest
-        Study file, settings and processes.
-    progress : callable
-        Called with what is done, how many are done, and how many there are.
-
-    Returns
-    -------
-    StudyResult
-        The study; trials are stored as they finish.
-
-    Raises
-    ------
-    ConfigError
-        A setting or an engine that is unknown or wrong.
-    """
-    from sim.montecarlo.study import run_study
-
-    engine, study = request.chosen_engine(), read_study(request.study, request.settings)
-    folder = request.runs / study.name
-    page = run_study(
-        study,
-        folder,
-        engine=engine,
-        workers=request.workers,
-        scheduler=request.scheduler,
-        fresh=request.fresh,
-        watch=lambda done, total: progress("trials", done, total),
-    )
-    return StudyResult(folder, page)
-
-
-def preview_montecarlo(request: MonteCarloRequest) -> Preview:
-    """Check a study, and return where its trials would be stored."""
-    from sim.montecarlo.study import require_study
-
-    request.chosen_engine()
-    study = read_study(request.study, request.settings)
-    require_study(study)
-    return Preview.of([request.runs / study.name], {"trials": study.trials})
-
-
-@dataclass(frozen=True)
-class RehearsalResult(Result):
-    """Rehearsal of a mission: how often it reached its class, and why it did not.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the outcomes.
-    wanted : str
-        The class.
-    outcomes : list of dict
-        Outcome of each run.
-    """
-
-    folder: Path
-    wanted: str
-    outcomes: list[dict[str, Any]]
-
-    def write(self) -> "RehearsalResult":
-        """Draw the fault tree beside the outcomes.
-
-        Returns
-        -------
-        RehearsalResult
-            The same.
-        """
-        from sim.mission.rehearsal import write_fault_tree
-
-        write_fault_tree(summarize_outcomes(self.outcomes), fault_tree(self.outcomes), self._picture)
-        return self
-
-    @property
-    def _picture(self) -> Path:
-        return self.folder / "fault_tree.png"
-
-    def facts(self) -> dict[str, Any]:
-        """Return probability, fault tree and outcomes."""
-        tree = _nested(fault_tree(self.outcomes))
-        found = summarize_outcomes(self.outcomes)._asdict()
-        return {"folder": str(self.folder), **found, "fault_tree": tree, "runs": self.outcomes}
-
-    def lines(self) -> list[str]:
-        """Return the probability with its interval, and the events of the fault tree."""
-        found = summarize_outcomes(self.outcomes)
-        low, high = found.interval
-        return [
-            f"{self.wanted} met in {found.counts['met']} of {found.n_runs} runs: probability "
-            f"{found.probability:.2f} (95 %: {low:.2f} to {high:.2f})",
-            *_part_lines(fault_tree(self.outcomes), ""),
-            fact_line("fault tree", self._picture),
-            fact_line("outcomes", self.folder),
-        ]
-
-
-def rehearse(request: RehearseRequest, progress: Progress = no_progress) -> RehearsalResult:
-    """Run a mission many times with other seeds and drawn settings, and count how often it reaches its class.
-
-    Parameters
-    ----------
-    request : RehearseRequest
-        Mission, settings and processes.
-    progress : callable
-        Called with what is done, how many are done, and how many there are.
-
-    Returns
-    -------
-    RehearsalResult
-        The outcomes; they are stored as they finish.
-
-    Raises
-    ------
-    ConfigError
-        A setting or an engine that is unknown or wrong.
-    """
-    from sim.mission.rehearsal import outcomes
-    from sim.mission.rehearsal import rehearse_mission as run_all_of
-
-    engine, mission = request.chosen_engine(), read_mission(request.mission, request.settings)
-    folder = run_all_of(
-        mission,
-        request.runs,
-        request.n_runs,
-        engine=engine,
-        workers=request.workers,
-        scheduler=request.scheduler,
-        watch=lambda done, total: progress("runs", done, total),
-    )
-    return RehearsalResult(folder, mission.score.require, outcomes(folder, request.n_runs))
-
-
-def preview_rehearsal(request: RehearseRequest) -> Preview:
-    """Check a mission, and return where the outcomes of its rehearsal would be stored."""
-    from sim.mission.rehearsal import rehearsal_folder
-
-    request.chosen_engine()
-    mission = read_mission(request.mission, request.settings)
-    return Preview.of([rehearsal_folder(mission, request.runs)], {"runs": request.n_runs})
-
-
-def _part_lines(event: FaultEvent, indent: str) -> list[str]:
-    """Return the events below one, each with its number of runs."""
-    lines = []
-    for part in event.parts:
-        lines += [fact_line(f"{indent}{part.name}", part.n_runs), *_part_lines(part, f"{indent}  ")]
-    return lines
-
-
-def _nested(event: FaultEvent) -> dict[str, Any]:
-    """Return an event and those below it as JSON has them."""
-    return {"name": event.name, "n_runs": event.n_runs, "parts": [_nested(part) for part in event.parts]}
-
-
-def fit(runs: Sequence[Path]) -> str:
-    """Fit the sensor errors of the statistical fidelity to the errors of drives with images.
-
-    Parameters
-    ----------
-    runs : sequence of pathlib.Path
-        Run folders of missions in the vision fidelity.
-
-    Returns
-    -------
-    str
-        Section of a mission file.
-    """
-    import tomlkit
-
-    from sim.config.mission import SensorConfig
-    from sim.simulate.error_model import errors_of, fit_sensor_errors
-
-    found = fit_sensor_errors([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
-    usual = SensorConfig().model_dump(mode="json")
-    return tomlkit.dumps({"sensors": {name: value for name, value in found.items() if value != usual[name]}})

@@ -1,0 +1,121 @@
+"""Inputs of a map from points, read and checked: points, registered scans, paths, ties, area and prior."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pyproj import CRS
+
+import survey
+from firnline.actions.interface import (
+    own_crs,
+    read_about,
+)
+from firnline.actions.mapping_request import MapRequest
+from survey.core import InputError
+from survey.data.sensors.odometry import DriveTies
+from survey.interchange.scans import read_sensor_scans
+from survey.io.column_names import parse_columns
+from survey.reconstruction.joint.drives import SeveralDrives
+from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
+from survey.reconstruction.observations import SoundPoints, sound_points
+from survey.reconstruction.terrain_map import ELEVATION
+from vision_slam.fusion.pose_constraints import tie_drives
+
+
+def blunder_text(found: Mapping[str, Any]) -> str:
+    """Return the sentence about blunders that were left out, with the file or the number of the scan that holds them."""
+    scan = f"scan {found['scan']}" if "scan" in found else None
+    place = found.get("file", scan)
+    return f"{place}: {found['sentence']}" if place else str(found["sentence"])
+
+
+class PointInputs(NamedTuple):
+    """Inputs of a map from points, read and checked."""
+
+    drives: SeveralDrives
+    grid: survey.Grid
+    area: survey.SurveyArea | None
+    paths: list[survey.Trajectory]
+    prior: survey.Dem | None
+    blunders: tuple[dict[str, Any], ...]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What was read, for people."""
+        rows, columns = self.grid.shape
+        left_out = "; ".join(blunder_text(found) for found in self.blunders)
+        return {
+            "points": f"{len(self.drives.points)}, {self.drives.points.crs.name}",
+            **({"left out": left_out} if left_out else {}),
+            "map": f"{rows} × {columns} nodes of {self.grid.step_m:g} m",
+        }
+
+
+def read_points(request: MapRequest) -> PointInputs:
+    """Read the points, and with them area, paths and prior, onto the nodes of the map."""
+    options = request.options
+    if request.is_registered:
+        paths = [_path(file, options.crs) for file in options.trajectories]
+        scans = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
+        sound = [
+            sound_points(seen, has_area=options.area is not None, file=str(file))
+            for seen, file in zip(scans, options.sources, strict=True)
+        ]
+        parts = [each.points for each in sound]
+    else:
+        sound = [_sound_points(request, file) for file in options.sources]
+        parts = [each.points for each in sound]
+        paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]
+    errors = [path.error for path in paths] or [None]
+    drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
+    if options.ties is not None:
+        drives = tie_drives(drives, paths, DriveTies.read(options.ties))
+    points = drives.points
+    area = request.read_area(points.crs)
+    grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
+    prior = None if options.prior is None else _prior(options.prior, grid)
+    blunders = tuple(found for each in sound for found in each.blunders)
+    return PointInputs(drives, grid, area, paths, prior, blunders)
+
+
+def _sound_points(request: MapRequest, file: Path) -> SoundPoints:
+    """Read points without gross blunders of their heights; refuse feet, and far places where no area is named."""
+    options = request.options
+    points = survey.SurfacePoints.read(
+        file, crs=options.crs, sigma_m=options.sigma_m, columns=parse_columns(options.columns)
+    )
+    return sound_points(points, options.value or ELEVATION, has_area=options.area is not None, file=str(file))
+
+
+def _prior(file: Path, grid: survey.Grid) -> survey.Dem:
+    """Read the prior; of one in degrees, the part about the map, warped to the CRS of the points."""
+    if own_crs(file) is None:
+        return read_about(file, grid.bounds, grid.crs, "the prior")
+    return survey.Dem.read(file)
+
+
+def _registered(request: MapRequest, source: Path, path: survey.Trajectory) -> survey.SurfacePoints:
+    """Return the points that scans become by the path of their drive."""
+    found = read_sensor_scans(source, path.time_s, request.options.sigma_m)
+    errors = BeamErrors(found.range_sigma_m, found.angle_sigma_deg)
+    return scan_points(found.scans, path, errors, config=request.config.scans)
+
+
+def _path(file: Path, crs: CRS | str | None) -> survey.Trajectory:
+    """Read the path, and refuse one without its error."""
+    if crs is None:
+        raise InputError(f"the trajectory {file} names no CRS; give it with --crs.")
+    path = survey.Trajectory.read(file, crs)
+    if path.error is None:
+        expected = file.with_suffix(".error.npz")
+        raise InputError(
+            f"{file} has no error of the path beside it ({expected.name} was expected, of a trajectory.csv that "
+            "localize wrote); copy it there, or take the method gp."
+        )
+    return path
+
+
+def _bounds(points: survey.SurfacePoints) -> tuple[float, float, float, float]:
+    (xmin, ymin), (xmax, ymax) = points.xy.min(axis=0), points.xy.max(axis=0)
+    return float(xmin), float(ymin), float(xmax), float(ymax)
