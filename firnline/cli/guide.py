@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from firnline.actions.interface import Preview
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Step, print_result
+from firnline.cli.request import DryRun, Json, SurveyStep, print_result
 from survey.core import ConfigError
 
 
@@ -266,5 +266,5 @@ def _settings() -> str:
     )
 
 
-COMMANDS = {Step.EXPLAIN: (doctor, example, schema)}
+COMMANDS = {SurveyStep.EXPLAIN: (doctor, example, schema)}
 """Commands by the step of a survey that they belong to."""

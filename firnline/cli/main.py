@@ -7,7 +7,7 @@ import typer
 
 from firnline.cli import guide, mapping, missions, planning, scoring, vehicles
 from firnline.cli.outcome import run_guarded
-from firnline.cli.request import Step, help_of, options
+from firnline.cli.request import SurveyStep, help_of, options
 
 # Allocations between two searches for reference cycles; at Python's 700 they take a tenth of the time of a report.
 _ALLOCATIONS = 50_000
@@ -23,7 +23,7 @@ app = typer.Typer(
 )
 
 app.callback()(options)
-for step in Step:
+for step in SurveyStep:
     for module in (planning, vehicles, mapping, scoring, missions, guide):
         for command in module.COMMANDS.get(step, ()):
             app.command(help=help_of(command))(command)

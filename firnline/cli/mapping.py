@@ -7,7 +7,16 @@ from firnline.actions.interface import preview_of
 from firnline.actions.requests import PayloadRequest, ReconstructRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Printing, Quiet, Step, perform, print_result, with_options_of
+from firnline.cli.request import (
+    DryRun,
+    Json,
+    Printing,
+    Quiet,
+    SurveyStep,
+    perform,
+    print_result,
+    with_options_of,
+)
 
 
 @with_exit_codes
@@ -145,5 +154,5 @@ def payload(request: PayloadRequest, dry_run: DryRun = False, quiet: Quiet = Fal
     perform(actions.payload, request, dry_run=dry_run, quiet=quiet)
 
 
-COMMANDS = {Step.MAP: (calibrate, localize, reconstruct, payload)}
+COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, payload)}
 """Commands by the step of a survey that they belong to."""

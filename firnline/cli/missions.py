@@ -26,7 +26,7 @@ from firnline.cli.request import (
     Json,
     Printing,
     Quiet,
-    Step,
+    SurveyStep,
     Verbose,
     perform,
     print_result,
@@ -314,9 +314,9 @@ def _announce(left: list[str], out: Path, *, quick: bool) -> None:
 
 
 COMMANDS = {
-    Step.BEGIN: (init,),
-    Step.DRIVE: (simulate,),
-    Step.RUN: (report, run, montecarlo, rehearse, fit, reproduce),
-    Step.READ: (show,),
+    SurveyStep.BEGIN: (init,),
+    SurveyStep.DRIVE: (simulate,),
+    SurveyStep.RUN: (report, run, montecarlo, rehearse, fit, reproduce),
+    SurveyStep.READ: (show,),
 }
 """Commands by the step of a survey that they belong to."""

@@ -9,7 +9,7 @@ from firnline import actions
 from firnline.actions.plan_request import PlanRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Printing, Step, perform, with_options_of
+from firnline.cli.request import DryRun, Printing, SurveyStep, perform, with_options_of
 from survey.core import ConfigError, InputError
 
 
@@ -121,5 +121,5 @@ def desk(
     serve(source, port=port, opens_browser=not no_browser, demo=demo)
 
 
-COMMANDS = {Step.PLAN: (desk, plan), Step.READ: (export,)}
+COMMANDS = {SurveyStep.PLAN: (desk, plan), SurveyStep.READ: (export,)}
 """Commands by the step of a survey that they belong to."""

@@ -29,7 +29,7 @@ Verbose = Annotated[
 ]
 
 
-class Step(IntEnum):
+class SurveyStep(IntEnum):
     """Steps of a survey, in the order in which ``firnline --help`` lists their commands."""
 
     BEGIN = 1

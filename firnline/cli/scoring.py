@@ -6,7 +6,16 @@ from firnline import actions
 from firnline.actions.interface import preview_of
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Printing, Quiet, Step, perform, print_result, with_options_of
+from firnline.cli.request import (
+    DryRun,
+    Json,
+    Printing,
+    Quiet,
+    SurveyStep,
+    perform,
+    print_result,
+    with_options_of,
+)
 
 
 @with_exit_codes
@@ -76,5 +85,5 @@ def track(request: actions.TrackRequest, dry_run: DryRun = False, quiet: Quiet =
     perform(actions.track, request, dry_run=dry_run, quiet=quiet)
 
 
-COMMANDS = {Step.JUDGE: (score, change, track)}
+COMMANDS = {SurveyStep.JUDGE: (score, change, track)}
 """Commands by the step of a survey that they belong to."""

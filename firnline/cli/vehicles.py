@@ -9,7 +9,7 @@ from firnline import actions
 from firnline.actions.interface import needs_live_extra
 from firnline.actions.watching import WatchRequest
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Json, Quiet, Step, perform, print_result, with_options_of
+from firnline.cli.request import DryRun, Json, Quiet, SurveyStep, perform, print_result, with_options_of
 
 
 @with_exit_codes
@@ -117,5 +117,5 @@ def watch(request: WatchRequest, quiet: Quiet = False) -> None:
     print_result(actions.watch(request, show))
 
 
-COMMANDS = {Step.VEHICLE: (upload, download, watch, rover)}
+COMMANDS = {SurveyStep.VEHICLE: (upload, download, watch, rover)}
 """Commands by the step of a survey that they belong to."""

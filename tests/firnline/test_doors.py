@@ -320,7 +320,7 @@ WITHOUT_FILES = {
     "rover": "simulates a vehicle until it is stopped and writes no file",
     "fit": "prints settings from runs with images, which take minutes; the action returns the printed text",
     "show": "prints the record of a run and writes no file; its lines are compared below",
-    "reproduce": "makes the figures of the papers; one table is compared with its function below",
+    "reproduce": "makes the figures of the papers; one is compared with its function below",
     "doctor": "checks the machine and reads no data",
     "example": "copies a file of the package, compared below",
     "examples": "is a second name of example",
@@ -501,8 +501,9 @@ def test_a_dry_run_of_an_upload_prints_the_lines_of_its_preview(messy, monkeypat
     assert commanded("upload", words).splitlines() == preview_of(actions.upload, request).lines()
 
 
-def test_a_table_of_a_paper_is_that_of_its_function(messy, tmp_path):
-    name = "glacier-table1"
+@pytest.mark.long
+def test_a_figure_of_a_paper_is_that_of_its_function(messy, tmp_path):
+    name = "carving-fig3"
     by_command = in_copy(messy, tmp_path / "work", lambda: commanded("reproduce", (name, "--quick", "-q")))
 
     def of_call() -> None:
