@@ -95,13 +95,7 @@ _STANDARD = "asprs-edition-2"
 
 
 def measured_map(
-    area: SurveyArea,
-    points: Path,
-    prior: Path,
-    folder: Path,
-    *,
-    checkpoints: Path | None,
-    progress: Progress,
+    area: SurveyArea, points: Path, prior: Path, folder: Path, *, checkpoints: Path | None, progress: Progress
 ) -> dict[str, Any]:
     """Map measured points over the area, and score the map.
 

@@ -17,14 +17,7 @@ from planners.patterns.wavy import WAVY
 from planners.steering import Steering
 from survey.core import ConfigError, Section, validated
 
-PLANNERS: tuple[Planner, ...] = (
-    LAWNMOWER,
-    WAVY,
-    PIECEWISE_CONTINUOUS,
-    RANDOM_WANDER,
-    VARIANCE_DRIVEN,
-    BEST,
-)
+PLANNERS: tuple[Planner, ...] = (LAWNMOWER, WAVY, PIECEWISE_CONTINUOUS, RANDOM_WANDER, VARIANCE_DRIVEN, BEST)
 """All planners, in the order in which they are listed for users."""
 
 _BY_CONFIG = {planner.config: planner for planner in PLANNERS}

@@ -182,10 +182,7 @@ def _log_images(rr: Any, stream: Any, estimate: DriveEstimate, drive: VisionReco
     eye = camera.T_body_camera
     stream.log("world/body/camera", rr.Transform3D(translation=eye[:3, 3], mat3x3=eye[:3, :3]), static=True)
     lens = rr.Pinhole(
-        image_from_camera=camera.matrix,
-        width=camera.width,
-        height=camera.height,
-        image_plane_distance=1.0,
+        image_from_camera=camera.matrix, width=camera.width, height=camera.height, image_plane_distance=1.0
     )
     stream.log("world/body/camera", lens, static=True)
     for index, time_s in enumerate(frames.time_s.tolist()):

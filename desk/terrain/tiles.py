@@ -103,11 +103,7 @@ def _lines_at(part: Overview, k: int, interval_m: float) -> Iterator[dict[str, A
         thinned = approximate_polygon(line, _TOLERANCE_CELLS)  # type: ignore[no-untyped-call]
         if len(thinned) > 1:
             places = _places(part, thinned).round(2).tolist()
-            yield {
-                "height_m": round(height_m, 6),
-                "is_index": k % _EACH_INDEX_LINE == 0,
-                "places": places,
-            }
+            yield {"height_m": round(height_m, 6), "is_index": k % _EACH_INDEX_LINE == 0, "places": places}
 
 
 def _places(part: Overview, line: FloatArray) -> FloatArray:

@@ -44,8 +44,7 @@ class CalibrateRequest:
         Option("--model", help="Lens model; fisheye for angles of view above about 120°."),
     ] = "pinhole"
     out: Annotated[
-        Path,
-        Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it."),
+        Path, Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it.")
     ] = Path("camera.toml")
     force: Annotated[bool, Option("--force", help="Replace an existing calibration.")] = False
 
@@ -116,10 +115,7 @@ class CalibrationResult(WrittenResult):
             f"{camera.width} × {camera.height} pixels, {camera.model}, RMS {lens_fit.rms_px:.3f} pixels, "
             f"{100.0 * calibration.coverage:.0f} % of the image reached"
         )
-        lines = [
-            f"written to {self.request.out}, {self.request.picture}",
-            fact_line("lens", lens),
-        ]
+        lines = [f"written to {self.request.out}, {self.request.picture}", fact_line("lens", lens)]
         for name, value, sigma in zip(calibration.names, calibration.values, calibration.sigma, strict=True):
             digits = 2 if name[0] in "fc" else 5
             lines.append(fact_line(name, f"{value:.{digits}f} ± {sigma:.{digits}f}"))

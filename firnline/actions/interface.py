@@ -125,10 +125,7 @@ class Result(ABC):
 class WrittenResult(Result):
     """Result whose files are written after it was computed.
 
-    Parameters
-    ----------
-    request : object
-        Request that names the files.
+    `request`: request that names the files.
     """
 
     request: Any
@@ -239,12 +236,7 @@ _NAMES = {
     "ate sim3": "RMS, scaled",
 }
 _WORDS = {"rmse": "RMSE", "nmad": "NMAD", "p95": "95 % below", "rpe": "relative error", "nees": "NEES"}
-_UNITS = {
-    "m": "{:.3f} m",
-    "m2": "{:.4g} m²",
-    "deg": "{:.2f}°",
-    "per_cent": "{:.2f} %",
-}
+_UNITS = {"m": "{:.3f} m", "m2": "{:.4g} m²", "deg": "{:.2f}°", "per_cent": "{:.2f} %"}
 # A unit ends a name, or stands before the number of one of several.
 _UNIT = re.compile(r"_(m2|m|s|deg|per_cent)(?=(_\d+)?$)")
 
@@ -288,11 +280,7 @@ def _value(name: str, value: Any) -> str:
 
 
 def refuse_existing(
-    outputs: Iterable[Path],
-    *,
-    force: bool,
-    inputs: Iterable[Path | None] = (),
-    own: Collection[str] = (),
+    outputs: Iterable[Path], *, force: bool, inputs: Iterable[Path | None] = (), own: Collection[str] = ()
 ) -> None:
     """Refuse outputs that exist, that are inputs, or that cannot be written."""
     from survey.core.replacement import refuse_unwritable, resolved

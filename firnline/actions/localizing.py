@@ -75,8 +75,7 @@ class LocalizeRequest:
         Option("--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."),
     ] = None
     gps_shift_s: Annotated[
-        float,
-        Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+        float, Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s].")
     ] = 0.0
     scale_from_m: Annotated[
         float | None,

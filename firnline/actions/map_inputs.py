@@ -7,10 +7,7 @@ from typing import Any, NamedTuple
 from pyproj import CRS
 
 import survey
-from firnline.actions.interface import (
-    own_crs,
-    read_about,
-)
+from firnline.actions.interface import own_crs, read_about
 from firnline.actions.mapping_request import MapRequest
 from survey.core import InputError
 from survey.data.sensors.odometry import DriveTies

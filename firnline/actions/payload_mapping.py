@@ -3,12 +3,7 @@
 from dataclasses import dataclass
 
 import survey
-from firnline.actions.interface import (
-    Preview,
-    WrittenResult,
-    previewed_by,
-    refuse_existing,
-)
+from firnline.actions.interface import Preview, WrittenResult, previewed_by, refuse_existing
 from firnline.actions.requests import PayloadRequest
 from survey.core import ConfigError, replacing_folder
 from survey.data.sensors.payload import PayloadLog, Quantity

@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import planners
 import survey
-from firnline.actions.interface import (
-    Argument,
-    Option,
-    WrittenResult,
-    own_crs,
-    read_about,
-    refuse_existing,
-)
+from firnline.actions.interface import Argument, Option, WrittenResult, own_crs, read_about, refuse_existing
 from firnline.actions.requests import RunOptions
 from survey.core import InputError, duration_text, energy_text, length_text
 
@@ -72,20 +65,17 @@ class PlanRequest(RunOptions):
         Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None
     no_go: Annotated[
-        Path | None,
-        Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it."),
+        Path | None, Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it.")
     ] = None
     require: Annotated[
         str | None,
         Option("--require", help="Guarantee this: class-1, class-2, class-3 or an RMSE [m]; needs --prior."),
     ] = None
     probability: Annotated[
-        float,
-        Option("--probability", help="Probability of the guarantee, above 0.5 and at most 0.999."),
+        float, Option("--probability", help="Probability of the guarantee, above 0.5 and at most 0.999.")
     ] = 0.9
     noise_m: Annotated[
-        float,
-        Option("--noise", help="Standard deviation of a sample's height, for the guarantee [m]."),
+        float, Option("--noise", help="Standard deviation of a sample's height, for the guarantee [m].")
     ] = 0.1
     localization_m: Annotated[
         float,
@@ -120,8 +110,7 @@ class PlanRequest(RunOptions):
         ),
     ] = None
     shared_m: Annotated[
-        float,
-        Option("--shared", help="Standard deviation of an error of height that all samples share [m]."),
+        float, Option("--shared", help="Standard deviation of an error of height that all samples share [m].")
     ] = 0.05
     max_swaths: Annotated[
         int | None,
@@ -149,8 +138,7 @@ class PlanRequest(RunOptions):
         ),
     ] = None
     dates: Annotated[
-        str | None,
-        Option("--dates", help="Days of both surveys of a season, such as 2026-05-01,2026-09-20."),
+        str | None, Option("--dates", help="Days of both surveys of a season, such as 2026-05-01,2026-09-20.")
     ] = None
     melt_m_we_day: Annotated[
         float | None,

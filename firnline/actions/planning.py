@@ -111,13 +111,7 @@ def area_plan(
     from planners.routes.traversability import drivable
 
     route = planners.plan(
-        area,
-        prior,
-        config.planner,
-        rover=config.rover,
-        fleet=config.fleet,
-        kernel=kernel,
-        progress=progress,
+        area, prior, config.planner, rover=config.rover, fleet=config.fleet, kernel=kernel, progress=progress
     )
     left_out = drivable(area, config.rover, prior).left_out
     return AreaPlan(area, prior, config.rover, kernel, route, left_out)

@@ -14,8 +14,7 @@ RUNS = Path("results/runs")
 
 Runs = Annotated[Path, Option("--runs", help="Folder that holds all runs.")]
 Settings = Annotated[
-    list[str],
-    Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6."),
+    list[str], Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6.")
 ]
 Workers = Annotated[
     int | None,
@@ -48,8 +47,7 @@ class ExecutionOptions:
         "processes"
     )
     workers: Annotated[
-        int | None,
-        Option("--workers", min=1, help="Number of processes; one for each core when left out."),
+        int | None, Option("--workers", min=1, help="Number of processes; one for each core when left out.")
     ] = None
     scheduler: Annotated[str | None, Option("--scheduler", help="A dask scheduler, tcp://host:port.")] = None
 
@@ -108,8 +106,7 @@ class ReconstructRequest(RunOptions):
         Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
     ] = None
     area: Annotated[
-        Path | None,
-        Option("--area", help="Polygon file to map; without it the bounding box of the points."),
+        Path | None, Option("--area", help="Polygon file to map; without it the bounding box of the points.")
     ] = None
     method: Annotated[
         str | None,
@@ -205,8 +202,7 @@ class PayloadRequest:
     name: Annotated[str, Option("--name", help="Column of the quantity, e.g. air_temperature.")]
     unit: Annotated[str, Option("--unit", help="Its unit as UDUNITS spells it, e.g. degC or 'W m-2'.")]
     terrain: Annotated[
-        Path,
-        Option("--terrain", help="Elevation, e.g. dem.tif of a reconstruction; the map has its CRS."),
+        Path, Option("--terrain", help="Elevation, e.g. dem.tif of a reconstruction; the map has its CRS.")
     ]
     trajectories: Annotated[
         list[Path],

@@ -18,13 +18,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
-from firnline.actions.requests import (
-    InitRequest,
-    ReportRequest,
-    RunOptions,
-    RunRequest,
-    SimulateRequest,
-)
+from firnline.actions.requests import InitRequest, ReportRequest, RunOptions, RunRequest, SimulateRequest
 from firnline.actions.scoring import best_class, class_met
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission

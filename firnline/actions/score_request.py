@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import survey
-from firnline.actions.interface import (
-    Argument,
-    Option,
-    refuse_existing,
-)
+from firnline.actions.interface import Argument, Option, refuse_existing
 from firnline.actions.requests import RunOptions, columns_option, epoch_option
 from survey.core import InputError
 
@@ -30,8 +26,7 @@ class ScoreRequest(RunOptions):
     """Options of the command."""
 
     source: Annotated[
-        Path,
-        Argument(help="Map (raster; its second band is the standard deviation) or mission file (TOML)."),
+        Path, Argument(help="Map (raster; its second band is the standard deviation) or mission file (TOML).")
     ]
     truth: Annotated[
         Path | None, Option("--truth", help="Reference raster, finer and more accurate than the map.")
@@ -70,8 +65,7 @@ class ScoreRequest(RunOptions):
         None
     )
     control: Annotated[
-        Path | None,
-        Option("--control", help="Points that the map was made from; no checkpoint may be one."),
+        Path | None, Option("--control", help="Points that the map was made from; no checkpoint may be one.")
     ] = None
     area: Annotated[Path | None, Option("--area", help="Judge only inside this polygon.")] = None
     route: Annotated[Path | None, Option("--route", help="Route that was driven, for coverage, α and β.")] = (
@@ -99,8 +93,7 @@ class ScoreRequest(RunOptions):
         str | None, Option("--class-column", help="Column of the polygons that names the class.")
     ] = None
     report: Annotated[
-        Path | None,
-        Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf."),
+        Path | None, Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf.")
     ] = None
     language: Annotated[
         str, Option("--language", help="Language of the statements beside English: en or de.")

@@ -7,13 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import survey
-from firnline.actions.interface import (
-    Preview,
-    Result,
-    fact_line,
-    figure_lines,
-    previewed_by,
-)
+from firnline.actions.interface import Preview, Result, fact_line, figure_lines, previewed_by
 from firnline.actions.score_request import (
     Classes,
     ScoreRequest,

@@ -7,10 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, previewed_by
-from firnline.actions.requests import (
-    MonteCarloRequest,
-    RehearseRequest,
-)
+from firnline.actions.requests import MonteCarloRequest, RehearseRequest
 from sim.mission.rehearsal import FaultEvent, fault_tree, summarize_outcomes
 from sim.mission.runs import read_mission
 from sim.montecarlo.config import read_study

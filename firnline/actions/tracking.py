@@ -5,14 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import survey
-from firnline.actions.interface import (
-    Argument,
-    Option,
-    Preview,
-    WrittenResult,
-    previewed_by,
-    refuse_existing,
-)
+from firnline.actions.interface import Argument, Option, Preview, WrittenResult, previewed_by, refuse_existing
 from survey.core import ConfigError, InputError
 
 if TYPE_CHECKING:

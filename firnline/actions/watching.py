@@ -39,8 +39,7 @@ class WatchRequest:
     ] = None
     area: Annotated[Path | None, Option("--area", help="Area that is mapped.")] = None
     route: Annotated[
-        Path | None,
-        Option("--route", help="Planned route, whose swaths are recognized as they are driven."),
+        Path | None, Option("--route", help="Planned route, whose swaths are recognized as they are driven.")
     ] = None
     require: Annotated[str, Option("--require", help="Map class, e.g. class-3, or the largest RMSE [m].")] = (
         "class-3"

@@ -22,10 +22,7 @@ from firnline.cli.request import (
 @with_exit_codes
 @with_options_of(actions.LocalizeRequest)
 def localize(
-    request: actions.LocalizeRequest,
-    dry_run: DryRun = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    request: actions.LocalizeRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
 ) -> None:
     """Estimate the path of a rover and its landmarks from a recording.
 
@@ -62,10 +59,7 @@ def localize(
 @with_exit_codes
 @with_options_of(actions.CalibrateRequest)
 def calibrate(
-    request: actions.CalibrateRequest,
-    dry_run: DryRun = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    request: actions.CalibrateRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
 ) -> None:
     """Calibrate a camera from images of a chessboard or a ChArUco board.
 

@@ -45,12 +45,7 @@ def run_stages(
         print_result(preview_stages(mission_file, options, until=until))
         return
     made = run_until(
-        mission_file,
-        until,
-        options,
-        workers=workers,
-        watch=watched_by(printing),
-        verbose=printing.verbose,
+        mission_file, until, options, workers=workers, watch=watched_by(printing), verbose=printing.verbose
     )
     print_result(replace(made, wanted=None), as_json=printing.as_json)
 

@@ -288,10 +288,7 @@ def buffered_entries(vehicle: Vehicle, reader: TelemetryReader) -> Generator[dic
 
 
 def _receive(
-    vehicle: Vehicle,
-    reader: TelemetryReader,
-    arrived: "SimpleQueue[dict[str, Any] | Exception]",
-    over: Event,
+    vehicle: Vehicle, reader: TelemetryReader, arrived: "SimpleQueue[dict[str, Any] | Exception]", over: Event
 ) -> None:
     """Put what arrives into a queue; an error as well, which ends it."""
     try:

@@ -432,12 +432,7 @@ def posterior_from_prior(
 
 
 def posterior_from_survey(
-    xy: FloatArray,
-    heights: FloatArray,
-    *,
-    noise_m: float,
-    localization_m: float = 0.0,
-    spread: float = 0.0,
+    xy: FloatArray, heights: FloatArray, *, noise_m: float, localization_m: float = 0.0, spread: float = 0.0
 ) -> KernelPosterior:
     """Learn family, length scale, variance and noise from the samples of a survey.
 

@@ -92,11 +92,7 @@ def wavy(
 
 
 def _wave(
-    axis: FloatArray,
-    amplitude_m: float,
-    wavelength_m: float,
-    ground: shapely.Geometry,
-    turn_radius_m: float,
+    axis: FloatArray, amplitude_m: float, wavelength_m: float, ground: shapely.Geometry, turn_radius_m: float
 ) -> FloatArray:
     along = axis[1] - axis[0]
     length = float(np.hypot(*along))

@@ -245,9 +245,7 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
     dem = dem.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
     require_cells(dem.elevation.size)
     slope_deg = dem.slope().elevation
-    closed: dict[Reason, BoolArray] = {
-        "height unknown": ~np.isfinite(slope_deg),
-    }
+    closed: dict[Reason, BoolArray] = {"height unknown": ~np.isfinite(slope_deg)}
     if limits.max_slope_deg is not None:
         closed["too steep"] = slope_deg > limits.max_slope_deg
     if limits.max_roughness_m is not None:

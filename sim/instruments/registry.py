@@ -66,9 +66,7 @@ SENSORS = (
     ),
     Sensor("base_barometer", draw=draw_base_barometer, is_aboard=False, is_fixed=True),
     Sensor(
-        "wheels",
-        instrument=lambda setup: WheelEncoders(setup.config.wheels, setup.seed),
-        faults=WheelFaults,
+        "wheels", instrument=lambda setup: WheelEncoders(setup.config.wheels, setup.seed), faults=WheelFaults
     ),
     Sensor(
         "inertial",

@@ -36,12 +36,7 @@ class _NoAlias(CompilerBase):
 
 
 # Nothing calls these loops from C.
-_FAST: dict[str, Any] = {
-    "cache": True,
-    "fastmath": True,
-    "error_model": "numpy",
-    "no_cfunc_wrapper": True,
-}
+_FAST: dict[str, Any] = {"cache": True, "fastmath": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 inlined = njit(**_FAST, inline="always")
 by_share = njit(**_FAST, nogil=True)

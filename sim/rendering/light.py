@@ -316,13 +316,7 @@ def shade(n: int, at: Footprints, in_shade: float, haze_m: float) -> None:
 
 @scalar
 def add_shadow_and_water(
-    n: int,
-    at: Footprints,
-    special: Ints,
-    rays: RowRays,
-    origin: Doubles,
-    light: Light,
-    scenery: Backdrop,
+    n: int, at: Footprints, special: Ints, rays: RowRays, origin: Doubles, light: Light, scenery: Backdrop
 ) -> None:
     """Correct the marked pixels for the rover's shadow and water."""
     has_box = light.box_half_m[0] > 0.0

@@ -26,16 +26,7 @@ from sim.rendering.compiled import (
     share_out,
     u32,
 )
-from sim.rendering.footprint import (
-    GRAIN_FROM_M,
-    Aim,
-    Footprints,
-    aim,
-    lattice,
-    measure,
-    read_map,
-    read_tile,
-)
+from sim.rendering.footprint import GRAIN_FROM_M, Aim, Footprints, aim, lattice, measure, read_map, read_tile
 from sim.rendering.light import (
     OWN_SHADOW_REACH_M,
     Backdrop,

@@ -292,10 +292,7 @@ _MARGIN_CELLS = 4.0
 
 
 def erroneous_copy(
-    terrain: Dem,
-    satellite: SatelliteConfig,
-    rng: np.random.Generator,
-    errors_rng: np.random.Generator,
+    terrain: Dem, satellite: SatelliteConfig, rng: np.random.Generator, errors_rng: np.random.Generator
 ) -> SatelliteDem:
     """Return block means of a terrain with the errors that the settings draw."""
     errors = ProductErrors.drawn(satellite.errors(), errors_rng)

@@ -139,10 +139,7 @@ class PayloadProcess:
     """
 
     def __init__(
-        self,
-        readings: AveragedReadings,
-        elevation_m: FloatArray,
-        hyperparameters: PayloadHyperparameters,
+        self, readings: AveragedReadings, elevation_m: FloatArray, hyperparameters: PayloadHyperparameters
     ) -> None:
         self.readings, self.hyperparameters = readings, hyperparameters
         self._datum_m = float(elevation_m.mean())

@@ -21,9 +21,7 @@ _MOST_PASSES = 5  # over the images; two suffice unless the lens is off by tens 
 
 
 def visual_odometry(
-    recording: VisionRecords,
-    config: VisualOdometryConfig | None = None,
-    progress: Progress | None = None,
+    recording: VisionRecords, config: VisualOdometryConfig | None = None, progress: Progress | None = None
 ) -> VisualOdometry:
     """Estimate motion and landmarks from images, wheels and inertial records.
 

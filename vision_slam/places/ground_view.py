@@ -67,12 +67,7 @@ class GroundMosaics:
     """
 
     def __init__(
-        self,
-        frames: Frames,
-        camera: Camera,
-        path: FloatArray,
-        odometry: Odometry,
-        sightings: Sightings,
+        self, frames: Frames, camera: Camera, path: FloatArray, odometry: Odometry, sightings: Sightings
     ) -> None:
         self._frames, self._camera, self._path = frames, camera, path
         nearest = np.searchsorted(frames.time_s, odometry.time_s - 1e-6).clip(max=len(frames) - 1)

@@ -381,11 +381,7 @@ def _window(points: FloatArray, step_m: float) -> NodeWindow:
 
 
 def _without(
-    window: NodeWindow,
-    points: FloatArray,
-    config: FieldLatticeConfig,
-    stiffness: Stiffness,
-    n_draws: int,
+    window: NodeWindow, points: FloatArray, config: FieldLatticeConfig, stiffness: Stiffness, n_draws: int
 ) -> FieldPosterior:
     """Return the map of some points (N, 4) alone."""
     posterior = FieldPosterior.empty(window.shape, 0 if is_small(window.shape) else n_draws)

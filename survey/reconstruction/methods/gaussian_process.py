@@ -19,12 +19,7 @@ from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.engine_choice import EngineName
 from survey.reconstruction.gp.mean import Mean, estimated_prior
-from survey.reconstruction.method import (
-    MappedTerrain,
-    MappingTask,
-    ReconstructionMethod,
-    ScanSettings,
-)
+from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod, ScanSettings
 from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
 
 if TYPE_CHECKING:

@@ -11,12 +11,7 @@ import numpy as np
 from survey.core import InputError
 from survey.reconstruction.carving.config import SpaceCarvingConfig, require_kernel_memory
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
-from survey.reconstruction.method import (
-    MappedTerrain,
-    MappingTask,
-    ReconstructionMethod,
-    ScanSettings,
-)
+from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod, ScanSettings
 from survey.reconstruction.nodes import NodeWindow, require_room
 
 if TYPE_CHECKING:

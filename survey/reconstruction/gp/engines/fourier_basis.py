@@ -256,12 +256,7 @@ def sharpest_std_m(kernel: Kernel, xy: FloatArray, noise_variance: FloatArray) -
 
 
 def resolve(
-    kernel: Kernel,
-    bounds: Bounds,
-    sharpest_m: float,
-    *,
-    tolerance_m: float,
-    memory_mb: float,
+    kernel: Kernel, bounds: Bounds, sharpest_m: float, *, tolerance_m: float, memory_mb: float
 ) -> Resolution:
     """Choose box and waves for one kernel as `resolve_within` does, and refuse what would not fit into memory."""
     resolution = resolve_within(kernel, bounds, sharpest_m, tolerance_m=tolerance_m, memory_mb=memory_mb)
@@ -278,12 +273,7 @@ def resolve(
 
 
 def resolve_within(
-    kernel: Kernel,
-    bounds: Bounds,
-    sharpest_m: float,
-    *,
-    tolerance_m: float,
-    memory_mb: float,
+    kernel: Kernel, bounds: Bounds, sharpest_m: float, *, tolerance_m: float, memory_mb: float
 ) -> Resolution | None:
     """Choose box and waves for one kernel; None where the waves that fit into memory leave out too much relief.
 
