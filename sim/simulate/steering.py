@@ -1,8 +1,8 @@
 """Steering by what the rover senses: attitudes with errors, and a path that is chosen while driving.
 
-Patterns that are steered by slope get roll and pitch and nothing else of the ground. `drive_steered` drives by
-them without images, and `add_attitude_errors` draws their errors. `SteeredPath` grows the path of a drive in images, from the roll and pitch that the
-accelerometer gives at the estimated pose.
+Patterns that are steered by slope get roll and pitch and nothing else of the ground. `drive_steered` drives by them
+without images, and `add_attitude_errors` draws their errors. `SteeredPath` grows the path of a drive in images, from the
+roll and pitch that the accelerometer gives at the estimated pose.
 """
 
 from collections.abc import Sequence

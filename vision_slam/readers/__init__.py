@@ -1,4 +1,4 @@
-"""Readers of recorded drives: ROS bags, KITTI, TUM, EuRoC, image folders, GPS files.
+"""Readers of recorded drives: ROS bags, KITTI, TUM, EuRoC, images, GPS files.
 
 Readers return image sequences and logs of fixes (`vision_slam.readers.sequence`) and estimate nothing.
 """
