@@ -203,16 +203,10 @@ def _take_link_attitude(message: Any, columns: LogColumns) -> None:
 
 
 _TAKEN: dict[str, Callable[[Any, LogColumns], None]] = {
-    "GPS": _take_gps,
-    "GPA": _take_accuracy,
-    "WENC": _take_wheels,
-    "IMU": _take_imu,
-    "ATT": _take_attitude,
-    "ATTITUDE": _take_link_attitude,
-    "GPS_RAW_INT": _take_raw_fix,
-    "WHEEL_DISTANCE": _take_wheel_distance,
+    "GPS": _take_gps, "GPA": _take_accuracy, "WENC": _take_wheels, "IMU": _take_imu, "ATT": _take_attitude,
+    "ATTITUDE": _take_link_attitude, "GPS_RAW_INT": _take_raw_fix, "WHEEL_DISTANCE": _take_wheel_distance,
     "HIGHRES_IMU": _take_highres_imu,
-}
+}  # fmt: skip
 
 
 def _read_ulog(file: Path) -> LogColumns:

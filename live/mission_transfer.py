@@ -44,14 +44,10 @@ _LAST_S = 3.0
 _FROM_VEHICLE = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
 _MISSION_ACCEPTED = 0
 _RESULTS = {
-    1: "an unspecified error",
-    2: "an unsupported frame",
-    3: "an unsupported command",
-    4: "no space for so many items",
-    13: "items out of order",
-    14: "no permission now",
+    1: "an unspecified error", 2: "an unsupported frame", 3: "an unsupported command",
+    4: "no space for so many items", 13: "items out of order", 14: "no permission now",
     15: "a cancelled transfer",
-}
+}  # fmt: skip
 _CANCELLED, _OUT_OF_ORDER, _ERROR = 15, 13, 1
 # These end a transfer that lost too many messages; the next one may succeed.
 _PASSING = (_CANCELLED, _ERROR)

@@ -66,17 +66,9 @@ class SwathConfig(PatternConfig):
 
 
 _HORIZONTAL = (
-    "spacing_m",
-    "wavelength_m",
-    "step_m",
-    "budget_m",
-    "turn_radius_m",
-    "clearance_m",
-    "separation_m",
-    "sample_step_m",
-    "max_roughness_m",
-    "speed_m_s",
-)
+    "spacing_m", "wavelength_m", "step_m", "budget_m", "turn_radius_m", "clearance_m", "separation_m",
+    "sample_step_m", "max_roughness_m", "speed_m_s",
+)  # fmt: skip
 """Settings that grow with the unit of the map. Heights count in it too where slopes are taken."""
 
 AnyModel = TypeVar("AnyModel", bound=BaseModel)

@@ -28,16 +28,12 @@ from vision_slam.readers.sequence import VisionRecords
 
 OWN_FILES = (
     *(
-        "trajectory.tum",
-        "trajectory.csv",
-        "trajectory.error.npz",
-        "path.csv",
-        "online_trajectory.csv",
+        "trajectory.tum", "trajectory.csv", "trajectory.error.npz", "path.csv", "online_trajectory.csv",
         "track.gpkg",
     ),
     *("trajectory_fixed.csv", ICE_MOTION),
     *("health.csv", "landmarks.csv", "landmarks.gpkg", "map.png", "tracks.png", "errors.png"),
-)
+)  # fmt: skip
 """Names of all files that a localization consists of."""
 
 

@@ -23,17 +23,9 @@ _OPTIONS = {
 }
 """Settings of the section ``planner`` that are options of their own."""
 REQUIREMENTS = (
-    "require",
-    "probability",
-    "surface",
-    "max_swaths",
-    "noise_m",
-    "localization_m",
-    "prior_sigma_m",
-    "assume",
-    "micro_relief_m",
-    "shared_m",
-)
+    "require", "probability", "surface", "max_swaths", "noise_m", "localization_m", "prior_sigma_m",
+    "assume", "micro_relief_m", "shared_m",
+)  # fmt: skip
 """Options of a required class or error, in the order of the form."""
 _SPELLINGS = {"noise_m": "noise", "localization_m": "localization", "prior_sigma_m": "prior-sigma"}
 _SPELLINGS |= {"micro_relief_m": "micro-relief", "shared_m": "shared", "max_swaths": "max-swaths"}

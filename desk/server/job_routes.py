@@ -98,13 +98,9 @@ def _watch(workspace: Workspace, _: PlanDocument, job: Job) -> dict[str, Any]:
 
 
 _WORKS: dict[str, Callable[[Workspace, PlanDocument, Job], dict[str, Any]]] = {
-    "guarantee": _guarantee,
-    "curve": _curve,
-    "mission": _mission,
-    "map": _map,
-    "next": _next,
+    "guarantee": _guarantee, "curve": _curve, "mission": _mission, "map": _map, "next": _next,
     "watch": _watch,
-}
+}  # fmt: skip
 
 
 class JobRequest(Section):

@@ -23,14 +23,9 @@ if TYPE_CHECKING:
 
 
 OUTPUTS = (
-    "along_flow.tif",
-    "along_flow.tif.aux.xml",
-    "change.tif",
-    "change.tif.aux.xml",
-    "change.csv",
-    "change.json",
-    "change.png",
-)
+    "along_flow.tif", "along_flow.tif.aux.xml", "change.tif", "change.tif.aux.xml", "change.csv",
+    "change.json", "change.png",
+)  # fmt: skip
 """Files that the command writes into its folder."""
 # From fresh snow to rock debris.
 _DENSITIES_KG_M3 = (50.0, 3000.0)

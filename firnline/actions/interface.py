@@ -225,16 +225,11 @@ def needs_live_extra() -> Iterator[None]:
 
 _WIDTH = 18
 _NAMES = {
-    "n": "points",
-    "std": "standard deviation",
-    "worst": "largest error",
-    "horizontal rms": "horizontal RMS error",
-    "vertical rms": "vertical RMS error",
-    "end sigma": "σ at the end",
-    "yaw rms": "heading RMS error",
-    "ate se3": "RMS, aligned",
+    "n": "points", "std": "standard deviation", "worst": "largest error",
+    "horizontal rms": "horizontal RMS error", "vertical rms": "vertical RMS error",
+    "end sigma": "σ at the end", "yaw rms": "heading RMS error", "ate se3": "RMS, aligned",
     "ate sim3": "RMS, scaled",
-}
+}  # fmt: skip
 _WORDS = {"rmse": "RMSE", "nmad": "NMAD", "p95": "95 % below", "rpe": "relative error", "nees": "NEES"}
 _UNITS = {"m": "{:.3f} m", "m2": "{:.4g} m²", "deg": "{:.2f}°", "per_cent": "{:.2f} %"}
 # A unit ends a name, or stands before the number of one of several.

@@ -24,13 +24,10 @@ from survey.core.run_folder import STAGES
 from survey.core.text import duration_text
 
 _DOING = {
-    "plan": "planning the route",
-    "simulate": "driving and sensing",
-    "localize": "estimating path and landmarks",
-    "reconstruct": "reconstructing the terrain",
-    "score": "scoring",
-    "report": "drawing the report",
-}
+    "plan": "planning the route", "simulate": "driving and sensing",
+    "localize": "estimating path and landmarks", "reconstruct": "reconstructing the terrain",
+    "score": "scoring", "report": "drawing the report",
+}  # fmt: skip
 
 
 class TimeLeftColumn(ProgressColumn):

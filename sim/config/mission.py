@@ -88,15 +88,9 @@ class DrawnSetting(Section):
 
 
 _SIGMAS = (
-    "yaw_sigma_deg",
-    "tilt_sigma_deg",
-    "scale_sigma",
-    "step_sigma_m",
-    "gps_bias_sigma_m",
-    "gps_white_sigma_m",
-    "barometer_drift_sigma_m",
-    "barometer_white_sigma_m",
-)
+    "yaw_sigma_deg", "tilt_sigma_deg", "scale_sigma", "step_sigma_m", "gps_bias_sigma_m",
+    "gps_white_sigma_m", "barometer_drift_sigma_m", "barometer_white_sigma_m",
+)  # fmt: skip
 _CORRELATIONS = ("gps_correlation_time_s", "barometer_correlation_time_s", "attitude_correlation_m")
 
 

@@ -227,12 +227,7 @@ def sensor_failures() -> dict[str, Mapping[str, float]]:
 FAILURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "camera": {
-            "whiteout": 235.0,
-            "glare": 0.4,
-            "dark": 0.04,
-            "blur": 4.0,
-            "frozen": 0.0,
-            "dropped": 0.0,
+            "whiteout": 235.0, "glare": 0.4, "dark": 0.04, "blur": 4.0, "frozen": 0.0, "dropped": 0.0,
             "lens-drop": 0.15,
         },
         **sensor_failures(),
@@ -242,7 +237,7 @@ FAILURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "calibration": {"focal-length": 0.005, "pitch": 0.5, "wheels": 0.03},
         "scenery": {"mountains-hidden": 0.0},
     }
-)
+)  # fmt: skip
 """Failures of every component, with their usual strengths.
 
 Camera: grey level of a white-out, share of the image's width with glare, share of the light left

@@ -15,15 +15,9 @@ from survey.reconstruction.motion.priors import uniform_motion
 from survey.reconstruction.prior import ErrorScale, PriorErrors, ProductName, SatelliteErrors
 
 TerrainFamily = Literal[
-    "squared-exponential",
-    "matern-3/2",
-    "matern-5/2",
-    "gaussian_hills",
-    "cosine_surface",
-    "diamond_square",
-    "fractional_brownian",
-    "slope_and_waves",
-]
+    "squared-exponential", "matern-3/2", "matern-5/2", "gaussian_hills", "cosine_surface", "diamond_square",
+    "fractional_brownian", "slope_and_waves",
+]  # fmt: skip
 
 
 class RandomTerrain(Section):

@@ -144,21 +144,9 @@ def resolved_text(mission: MissionConfig) -> str:
 
 
 _COMPUTING = (
-    "firnline",
-    "numpy",
-    "scipy",
-    "numba",
-    "finufft",
-    "gtsam",
-    "opencv-python-headless",
-    "mujoco",
-    "pybullet",
-    "rasterio",
-    "pyproj",
-    "shapely",
-    "scikit-image",
-    "scikit-learn",
-)
+    "firnline", "numpy", "scipy", "numba", "finufft", "gtsam", "opencv-python-headless", "mujoco",
+    "pybullet", "rasterio", "pyproj", "shapely", "scikit-image", "scikit-learn",
+)  # fmt: skip
 
 
 def current_versions() -> dict[str, str]:

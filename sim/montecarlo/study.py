@@ -38,14 +38,8 @@ _BEGUN, _BEGUN_SHA256 = "study.json", "study_sha256"
 TrialProgress = Callable[[int, int], None]
 """Called with the number of trials done and of all trials."""
 RESULTS = (
-    "index.html",
-    "trials.parquet",
-    "trials.csv",
-    "summary.csv",
-    "minimum_swaths.csv",
-    "figures",
-    RECORD,
-)
+    "index.html", "trials.parquet", "trials.csv", "summary.csv", "minimum_swaths.csv", "figures", RECORD,
+)  # fmt: skip
 """What a finished study consists of, beside ``study.json`` and its blocks; `RECORD` has the checksums."""
 
 

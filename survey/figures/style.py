@@ -42,38 +42,16 @@ DEVIATION = ListedColormap(cm.lajolla_r(np.linspace(0.0, 0.85, 256)), name="devi
 DENSITY = cm.devon_r
 
 _SETTINGS: dict[str, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.0,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": MUTED,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.unicode_minus": True,
-    "axes.formatter.useoffset": False,
-    "text.color": INK,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "grid.color": "#d7dce0",
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "lines.linewidth": 1.4,
-    "lines.solid_capstyle": "round",
-    "hatch.linewidth": 0.8,
-    "image.interpolation": "nearest",
-    "figure.facecolor": "white",
+    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.0, "axes.titleweight": "bold",
+    "axes.titlelocation": "left", "axes.labelsize": 9.0, "axes.labelcolor": INK, "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.7, "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
+    "axes.unicode_minus": True, "axes.formatter.useoffset": False, "text.color": INK, "xtick.color": MUTED,
+    "ytick.color": MUTED, "xtick.labelcolor": INK, "ytick.labelcolor": INK, "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0, "grid.color": "#d7dce0", "grid.linewidth": 0.6, "legend.fontsize": 8.0,
+    "legend.frameon": False, "lines.linewidth": 1.4, "lines.solid_capstyle": "round",
+    "hatch.linewidth": 0.8, "image.interpolation": "nearest", "figure.facecolor": "white",
     "savefig.facecolor": "white",
-}
+}  # fmt: skip
 
 _RETURNS = "Returns\n-------\nmatplotlib.figure.Figure\n    As wide as "
 _PARAGRAPHS = {

@@ -46,13 +46,9 @@ HUSS = "Huss, M. (2013): Density assumptions for converting geodetic glacier vol
 NUTH = "Nuth, C., Kääb, A. (2011): Co-registration and bias corrections of satellite elevation data sets for quantifying glacier thickness change. The Cryosphere 5, 271–290."
 
 BY_STANDARD = {
-    "nssda-1998": NSSDA,
-    "asprs-2014": ASPRS_2014,
-    "asprs-edition-2": ASPRS_EDITION_2,
-    "asprs-1990-spot-heights": ASPRS_1990,
-    "asprs-1990-contours": ASPRS_1990,
-    "nmas-1947": NMAS,
-}
+    "nssda-1998": NSSDA, "asprs-2014": ASPRS_2014, "asprs-edition-2": ASPRS_EDITION_2,
+    "asprs-1990-spot-heights": ASPRS_1990, "asprs-1990-contours": ASPRS_1990, "nmas-1947": NMAS,
+}  # fmt: skip
 """Citation of each standard that judges checkpoints."""
 
 
@@ -413,16 +409,7 @@ def _sentences(facts: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _volumes(facts: Mapping[str, Any]) -> Table:
-    headings = (
-        "Outline",
-        "Area [m²]",
-        "Mapped",
-        "Change [m]",
-        "Volume [m³]",
-        "σ [m³]",
-        "95 % from",
-        "to [m³]",
-    )
+    headings = "Outline", "Area [m²]", "Mapped", "Change [m]", "Volume [m³]", "σ [m³]", "95 % from", "to [m³]"
     rows = tuple(
         (
             row["name"],

@@ -14,12 +14,10 @@ _UNITS = {
 }  # fmt: skip
 _MEANINGS = {
     "horizontal_rms_m": "error of the position on the map, over all poses",
-    "vertical_rms_m": "error of the height, over all poses",
-    "end_m": "error where the drive ended",
-    "end_per_cent": "the same, of the distance travelled",
-    "worst_m": "largest error of any pose",
+    "vertical_rms_m": "error of the height, over all poses", "end_m": "error where the drive ended",
+    "end_per_cent": "the same, of the distance travelled", "worst_m": "largest error of any pose",
     "normalised_squared": "squared error over claimed variance; 3 when the standard deviation is right",
-}
+}  # fmt: skip
 _ACRONYMS = {"ate", "gps", "nmad", "rmse", "rms", "rpe"}
 
 

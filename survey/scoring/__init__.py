@@ -11,20 +11,7 @@ from survey.scoring.standards.checkpoints import Checkpoints, design_checkpoints
 from survey.scoring.standards.map_classes import Certificate, certificate, map_classes
 
 __all__ = [
-    "Calibration",
-    "Certificate",
-    "Change",
-    "CheckpointErrors",
-    "CheckpointScore",
-    "Checkpoints",
-    "Coverage",
-    "ErrorStatistics",
-    "Score",
-    "certificate",
-    "change",
-    "compare",
-    "design_checkpoints",
-    "map_classes",
-    "score",
-    "score_at",
-]
+    "Calibration", "Certificate", "Change", "CheckpointErrors", "CheckpointScore", "Checkpoints",
+    "Coverage", "ErrorStatistics", "Score", "certificate", "change", "compare", "design_checkpoints",
+    "map_classes", "score", "score_at",
+]  # fmt: skip

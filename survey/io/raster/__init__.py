@@ -20,4 +20,4 @@ __all__ = [
     "LARGEST_CELLS", "NODATA", "Raster", "RasterFacts", "band_count", "band_names", "open_raster",
     "raster_facts", "raster_header", "read_raster", "read_window", "reproject", "stated_datum",
     "write_raster",
-]  # fmt: skip
+]  # fmt: skip  # fmt: skip

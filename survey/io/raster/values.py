@@ -13,14 +13,15 @@ from survey.core import FloatArray, InputError
 
 FOOT_M, US_SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
 _METRES = {
-    "": 1.0, "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0,
-    "mm": 1e-3, "millimetre": 1e-3, "millimeter": 1e-3, "millimetres": 1e-3, "millimeters": 1e-3,
-    "cm": 1e-2, "centimetre": 1e-2, "centimeter": 1e-2, "centimetres": 1e-2, "centimeters": 1e-2,
-    "dm": 1e-1, "decimetre": 1e-1, "decimeter": 1e-1, "decimetres": 1e-1, "decimeters": 1e-1,
-    "km": 1e3, "kilometre": 1e3, "kilometer": 1e3, "kilometres": 1e3, "kilometers": 1e3,
-    "ft": FOOT_M, "foot": FOOT_M, "feet": FOOT_M, "international foot": FOOT_M, "international feet": FOOT_M,
-    "us survey foot": US_SURVEY_FOOT_M, "us survey feet": US_SURVEY_FOOT_M, "us_survey_foot": US_SURVEY_FOOT_M,
-    "us-ft": US_SURVEY_FOOT_M, "ftus": US_SURVEY_FOOT_M, "foot_us": US_SURVEY_FOOT_M, "sft": US_SURVEY_FOOT_M,
+    "": 1.0, "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3,
+    "millimetre": 1e-3, "millimeter": 1e-3, "millimetres": 1e-3, "millimeters": 1e-3, "cm": 1e-2,
+    "centimetre": 1e-2, "centimeter": 1e-2, "centimetres": 1e-2, "centimeters": 1e-2, "dm": 1e-1,
+    "decimetre": 1e-1, "decimeter": 1e-1, "decimetres": 1e-1, "decimeters": 1e-1, "km": 1e3,
+    "kilometre": 1e3, "kilometer": 1e3, "kilometres": 1e3, "kilometers": 1e3, "ft": FOOT_M, "foot": FOOT_M,
+    "feet": FOOT_M, "international foot": FOOT_M, "international feet": FOOT_M,
+    "us survey foot": US_SURVEY_FOOT_M, "us survey feet": US_SURVEY_FOOT_M,
+    "us_survey_foot": US_SURVEY_FOOT_M, "us-ft": US_SURVEY_FOOT_M, "ftus": US_SURVEY_FOOT_M,
+    "foot_us": US_SURVEY_FOOT_M, "sft": US_SURVEY_FOOT_M,
 }  # fmt: skip
 _PICTURES = frozenset(
     [

@@ -47,15 +47,8 @@ class PathCorrection(DataObject):
 
 
 _COLUMNS = (
-    "covariance",
-    "sigma_m",
-    "origins",
-    "range_m",
-    "own_covariance",
-    "keyframe",
-    "heading_rad",
-    "body",
-)
+    "covariance", "sigma_m", "origins", "range_m", "own_covariance", "keyframe", "heading_rad", "body",
+)  # fmt: skip
 
 
 class SeveralDrives(NamedTuple):
