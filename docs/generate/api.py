@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 PACKAGES = (
     "firnline",
+    "firnline.actions",
     "survey.reconstruction",
     "survey.scoring",
     "survey.figures",

@@ -22,9 +22,11 @@ def blocks(page, language=None):
 def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
     make_scratch(tmp_path)
     monkeypatch.chdir(tmp_path)
-    (text,) = blocks(ROOT / "README.md", "python")
-    with mpl.rc_context({"backend": "Agg"}):
-        exec(compile(text, "README.md", "exec"), {})
+    texts = blocks(ROOT / "README.md", "python")
+    assert len(texts) == 2
+    for text in texts:
+        with mpl.rc_context({"backend": "Agg"}):
+            exec(compile(text, "README.md", "exec"), {})
     plt.close("all")
 
 

@@ -21,7 +21,7 @@ def pages():
 
 
 @pytest.mark.parametrize(
-    "package", ["firnline", "survey", "survey.reconstruction", "planners", "vision_slam"]
+    "package", ["firnline", "firnline.actions", "survey", "survey.reconstruction", "planners", "vision_slam"]
 )
 def test_every_public_name_has_a_page_or_a_link_to_one(pages, package):
     api = import_module("generate.api")
