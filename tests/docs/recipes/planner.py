@@ -40,7 +40,7 @@ DIAGONAL = Planner(DiagonalConfig, _layout)
                 "from planners.patterns.lawnmower import",
                 "from planners.patterns.diagonal import DIAGONAL\n",
             ),
-            ("    LAWNMOWER,\n    WAVY,", "    DIAGONAL,\n"),
+            ("LAWNMOWER, WAVY, PIECEWISE", "DIAGONAL, "),
         )
     },
     check="""
