@@ -328,13 +328,13 @@ _TEXTS: dict[str, Callable[[Any], str]] = {
 class AdaptivePlan(PlanResult):
     """First swaths of a survey, or the next one; without a route the guarantee holds already.
 
-    `stated`: what is known of them.
+    `stated`: facts about them.
     """
 
     stated: Mapping[str, Any]
 
     def facts(self) -> dict[str, Any]:
-        """Return files, length and what is known."""
+        """Return files, length and predicted error."""
         if self.route is None:
             return dict(self.stated)
         return {**self.request.written, "length_m": self.route.ground_length_m, **self.stated}

@@ -329,7 +329,7 @@ def _groups(
 
 @dataclass(frozen=True, kw_only=True)
 class PlanResult(WrittenResult):
-    """A plan; each kind of plan adds what is known of it.
+    """A plan; each kind of plan adds facts about it.
 
     Parameters
     ----------
