@@ -334,7 +334,7 @@ class AdaptivePlan(PlanResult):
     stated: Mapping[str, Any]
 
     def facts(self) -> dict[str, Any]:
-        """Return files, length and predicted error."""
+        """Return files, length and the stated facts."""
         if self.route is None:
             return dict(self.stated)
         return {**self.request.written, "length_m": self.route.ground_length_m, **self.stated}
