@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 COPYING = (
     "tests/firnline/test_objects.py::test_every_public_type_is_pickled_copied_and_compared",
-    "tests/firnline/test_package_types.py::test_every_exported_type_is_pickled_and_copied",
+    "tests/firnline/test_package_types.py::test_every_type_is_pickled_and_copied",
 )
 RECIPES = ("-m", "walkthrough", "tests/docs/test_recipes.py")
 BELOW = ("desk", "live", "survey", "planners", "vision_slam", "sim")

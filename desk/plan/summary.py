@@ -57,7 +57,7 @@ _COARSE_SAMPLES = 300
 _SAMPLE_STEP_M = 10.0
 
 
-def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
+def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
     """Return the predicted standard deviation of a plan as an image with its place and legend.
 
     Returns: ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``,

@@ -88,14 +88,14 @@ def route(request: Request) -> Response:
 
 def error(request: Request) -> Response:
     """Answer with the predicted standard deviation as an image, coarse or fine."""
-    from desk.plan.summary import error_map
+    from desk.plan.summary import error_layer
 
     detail = request.query_params.get("detail", "coarse")
     if detail not in ("coarse", "fine"):
         raise ConfigError(f"the detail {detail!r} is not known; coarse or fine was expected.")
     live = _live(request)
     content: dict[str, Any] = {"is_provisional": live.is_provisional, "detail": detail}
-    return JSONResponse(content | error_map(live.plan, detail))
+    return JSONResponse(content | error_layer(live.plan, detail))
 
 
 def drive(request: Request) -> Response:

@@ -3,7 +3,7 @@
 import pytest
 
 from desk.plan.document import PlanDocument
-from desk.plan.summary import error_map
+from desk.plan.summary import error_layer
 from survey.core.errors import ConfigError, InputError
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
@@ -44,8 +44,8 @@ def test_settings_do_not_make_a_plan_provisional(workspace):
 
 def test_the_error_map_lies_on_the_area_and_falls_with_more_swaths(workspace):
     planner, document = workspace.planner, workspace.store.document
-    few = error_map(planner.exact(document).plan, "fine")
-    many = error_map(
+    few = error_layer(planner.exact(document).plan, "fine")
+    many = error_layer(
         planner.exact(document.model_copy(update={"planner": {"pattern": "lawnmower", "swaths": 12}})).plan,
         "fine",
     )
@@ -77,6 +77,6 @@ def test_refusals_are_those_of_the_command(workspace, changes, error, text):
 
 def test_the_coarse_error_map_is_near_the_fine_one(workspace):
     plan = workspace.planner.exact(workspace.store.document).plan
-    coarse, fine = error_map(plan, "coarse"), error_map(plan, "fine")
+    coarse, fine = error_layer(plan, "coarse"), error_layer(plan, "fine")
     assert coarse["rmse_m"] == pytest.approx(fine["rmse_m"], rel=0.1)
     assert coarse["worst_m"] == pytest.approx(fine["worst_m"], rel=0.25)
