@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.report import Row, cpu_seconds, main
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan, plan_once
-from desk.plan.summary import error_map, plan_summary
+from desk.plan.summary import error_layer, plan_summary
 from desk.workspace import Workspace, open_workspace, write_demo
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -145,8 +145,8 @@ def _followed(workspace: Workspace, document: PlanDocument) -> tuple[float, floa
         return live
 
     live, route_s = cpu_seconds(route)
-    _, coarse_s = cpu_seconds(lambda: json.dumps(error_map(live.plan, "coarse")))
-    _, fine_s = cpu_seconds(lambda: json.dumps(error_map(live.plan, "fine")))
+    _, coarse_s = cpu_seconds(lambda: json.dumps(error_layer(live.plan, "coarse")))
+    _, fine_s = cpu_seconds(lambda: json.dumps(error_layer(live.plan, "fine")))
     return route_s, route_s + coarse_s, route_s + coarse_s + fine_s
 
 
