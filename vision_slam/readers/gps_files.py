@@ -59,10 +59,7 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
 def _usable(log: GpsLog, file: Path) -> GpsLog:
     """Leave out fixes that are not finite, repeat the one before or lie at 0° N 0° E, with notes."""
     stays, notes = usable(log.time_s, log.place, log.sigma_m, str(file))
-    sigma_m = None if log.sigma_m is None else log.sigma_m[stays]
-    log = replace(
-        log, time_s=log.time_s[stays], place=log.place[stays], sigma_m=sigma_m, notes=(*log.notes, *notes)
-    )
+    log = replace(log.select(stays), notes=(*log.notes, *notes))
     return log.without_zero_places(str(file))
 
 
@@ -100,8 +97,8 @@ def _from_gpx(file: Path) -> GpsLog:
 
 
 def _from_positions(file: Path) -> GpsLog:
-    time_s, place, sigma_m = read_positions(file)
-    return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m)
+    time_s, place, sigma_m, sigma_z_m = read_positions(file)
+    return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m, sigma_z_m=sigma_z_m)
 
 
 def _log_of(read: Callable[[Path], ReceiverFixes]) -> Callable[[Path], GpsLog]:
@@ -155,7 +152,7 @@ _READERS: dict[str, Callable[[Path], GpsLog]] = {
 }
 
 
-KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
+KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy", "sigma_z")}
 # Unix times beyond these count nano-, micro- and milliseconds.
 _UNIX_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 _RADII = ("acc",)  # accuracy, hAcc
@@ -199,6 +196,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
         is_geodetic=is_geodetic,
         is_dated=bool(time_s[0] > DATED_S),
         notes=(read.sentence(str(file)).rstrip(".") + unit, *_gps_time_notes(read.columns["time"])),
+        sigma_z_m=_positive_metres(table, names["sigma_z"]) if "sigma_z" in names else None,
     )
 
 
@@ -215,7 +213,18 @@ def _column_names(table: TextTable) -> dict[str, str]:
     """Return the columns of time, place, height and error by what they hold; metres before degrees."""
     header, where = table.header, table.where
     found: dict[str, str] = {}
-    for kind in ("time", "x", "y", "easting", "northing", "longitude", "latitude", "height", "sigma_xy"):
+    for kind in (
+        "time",
+        "x",
+        "y",
+        "easting",
+        "northing",
+        "longitude",
+        "latitude",
+        "height",
+        "sigma_xy",
+        "sigma_z",
+    ):
         name = one_column(kind, header, where)
         if name is not None:
             found[kind] = name
@@ -251,13 +260,19 @@ def _column_of_sigma_m(table: TextTable, names: dict[str, str], given: dict[str,
     if "sigma_xy" not in names:
         return None
     name = names["sigma_xy"]
+    stated = _positive_metres(table, name)
+    is_radius = any(part in normalize(given.get(name, name)) for part in _RADII)
+    return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
+
+
+def _positive_metres(table: TextTable, name: str) -> FloatArray:
+    """Return a column of errors in metres, or refuse one that is not above 0."""
     stated = _column_in_metres(table, name)
     if not (stated > 0.0).all():
         raise InputError(
             f"{table.where} holds an error that is not above 0 in the column {name}; correct it."
         )
-    is_radius = any(part in normalize(given.get(name, name)) for part in _RADII)
-    return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
+    return stated
 
 
 def _date_column(table: TextTable, name: str) -> str | None:
@@ -304,7 +319,7 @@ _LEAPS = ((1483228800.0, 18.0), (1435708800.0, 17.0), (1341100800.0, 16.0), (123
 _LEAST_RTKLIB_WORDS = 10
 
 
-def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
+def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Read the positions of a file in degrees.
 
     Times may be dates or GPS week and seconds; GPS time is converted to UTC. Angles may be degrees or degrees,
@@ -312,7 +327,7 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     are at least 1 cm for fixed, 5 cm for float and 1 m for single solutions.
 
     Returns `time_s` (N,): unix times [s]. `place` (N, 3): longitude, latitude [deg] and ellipsoidal height
-    [m]. `sigma_m` (N,): horizontal standard deviation of each position [m].
+    [m]. `sigma_m`, `sigma_z_m` (N,): standard deviation of each position, horizontal and of its height [m].
     """
     rows, is_utc, has_minutes = [], False, False
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -329,7 +344,7 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
         raise InputError(f"{file} holds no positions; process the observations again.")
     table = np.array(rows)
     time_s = table[:, 0] if is_utc else table[:, 0] - _leap_s(table[:, 0])
-    return time_s, table[:, 1:4], table[:, 4]
+    return time_s, table[:, 1:4], table[:, 4], table[:, 5]
 
 
 def _refuse_other_positions(header: str, file: Path) -> None:
@@ -366,22 +381,23 @@ def _rtklib_degrees(parts: list[str], where: str) -> str:
     return repr(-size if parts[0].startswith("-") else size)
 
 
-def _rtklib_position(words: list[str], where: str) -> tuple[float, float, float, float, float]:
-    """Return time [s], longitude, latitude [deg], height and standard deviation [m] of one line."""
+def _rtklib_position(words: list[str], where: str) -> tuple[float, ...]:
+    """Return time [s], longitude, latitude [deg], height and standard deviations across and of the height [m] of one line."""
     if len(words) < _LEAST_RTKLIB_WORDS:
         raise InputError(
             f"{where}: {len(words)} values; time, latitude, longitude, height, quality, satellites and three "
             "standard deviations were expected."
         )
     try:
-        latitude, longitude, height, quality, _, north, east = map(float, words[2:9])
+        latitude, longitude, height, quality, _, north, east, upward = map(float, words[2:10])
         time_s = _rtklib_time_s(words[0], words[1])
     except ValueError as error:
         raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
     if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 360.0):
         raise InputError(f"{where}: {latitude}, {longitude} are no degrees; write latitude and longitude.")
     sigma_m = float(np.sqrt(0.5 * (north**2 + east**2)))
-    return time_s, longitude, latitude, height, max(sigma_m, _LEAST_SIGMA_M.get(int(quality), 1.0))
+    least_m = _LEAST_SIGMA_M.get(int(quality), 1.0)
+    return time_s, longitude, latitude, height, max(sigma_m, least_m), max(upward, least_m)
 
 
 def _rtklib_time_s(first: str, second: str) -> float:

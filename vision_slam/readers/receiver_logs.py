@@ -20,6 +20,7 @@ from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 # Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].
 _QUALITY_SIGMA_M = {4: 0.02, 5: 0.3}
 _USUAL_SIGMA_M = 1.1
+_UPWARD = 1.7  # error of heights over that across
 # Qualities of GGA sentences: dead reckoning, entered by hand, simulated.
 _NOT_MEASURED = {6, 7, 8}
 _MOST_DAMAGED = 0.1
@@ -61,7 +62,7 @@ class _Sentences:
         self.clocks: list[float] = []
         self.midnights: list[float | None] = []
         self.fixes_of: dict[int, _Fix] = {}
-        self.sigma_of: dict[int, float] = {}
+        self.sigma_of: dict[int, tuple[float, float]] = {}
         self.n = self.n_without_fix = self.n_not_measured = self.n_other_systems = 0
 
     def add(self, words: list[str], where: str) -> None:
@@ -90,9 +91,9 @@ class _Sentences:
             self._add_time(words[1], midnight)
 
     def _add_sigma(self, words: list[str]) -> None:
-        sigma_m = _gst(words)
-        if sigma_m is not None:
-            self.sigma_of[self._add_time(words[1])] = sigma_m
+        sigmas_m = _gst(words)
+        if sigmas_m is not None:
+            self.sigma_of[self._add_time(words[1])] = sigmas_m
 
     def _add_fix(self, words: list[str]) -> None:
         quality = int(words[6] or 0)
@@ -121,13 +122,17 @@ class _Sentences:
         fixes = list(self.fixes_of.values())
         time_s = times[list(self.fixes_of)]
         stated = dict(zip(times[list(self.sigma_of)].tolist(), self.sigma_of.values(), strict=True))
+        qualities = [fix.quality for fix in fixes]
+        across = {at: sigma_m for at, (sigma_m, _) in stated.items()}
+        upward = {at: sigma_m for at, (_, sigma_m) in stated.items() if sigma_m > 0.0}
         return ReceiverFixes(
             time_s,
             np.array([fix.place for fix in fixes]),
             is_dated=is_dated,
             n_without_fix=self.n_without_fix,
-            sigma_m=_sigma_by_quality_m(time_s, [fix.quality for fix in fixes], stated),
+            sigma_m=_sigma_by_quality_m(time_s, qualities, across),
             notes=tuple(words for words in (note, *self._notes()) if words),
+            sigma_z_m=_sigma_by_quality_m(time_s, qualities, upward, upward=True) if upward else None,
         )
 
     def _notes(self) -> Iterator[str]:
@@ -163,22 +168,24 @@ def _damage_note(damaged: list[str], n_sentences: int) -> str:
     return f"{len(damaged)} of {n_sentences} sentences are damaged and left out; the first: {damaged[0].rstrip('.')}"
 
 
-def _gst(words: list[str]) -> float | None:
-    """Return the horizontal standard deviation [m] of a GST sentence; None where it is empty."""
+def _gst(words: list[str]) -> tuple[float, float] | None:
+    """Return standard deviations [m], horizontal and of the height (0 where not stated), of a GST sentence; None of an empty one."""
     if not words[6] or not words[7]:
         return None
     sigma_m = float(np.hypot(float(words[6]), float(words[7])) / np.sqrt(2.0))
-    return sigma_m if sigma_m > 0.0 else None
+    upward_m = float(words[8]) if words[8].strip() else 0.0
+    return (sigma_m, upward_m) if sigma_m > 0.0 else None
 
 
 def _sigma_by_quality_m(
-    time_s: FloatArray, qualities: list[int], stated: dict[float, float]
+    time_s: FloatArray, qualities: list[int], stated: dict[float, float], *, upward: bool = False
 ) -> FloatArray | None:
     """Return standard deviations (N,) [m] by GST sentence or quality; None where neither says more than usual."""
     if not stated and not set(qualities) & set(_QUALITY_SIGMA_M):
         return None
     usual_m = float(np.median(list(stated.values()))) if stated else _USUAL_SIGMA_M
-    by_quality = [_QUALITY_SIGMA_M.get(quality, usual_m) for quality in qualities]
+    share = _UPWARD if upward else 1.0
+    by_quality = [share * _QUALITY_SIGMA_M.get(quality, usual_m / share) for quality in qualities]
     return np.array([stated.get(t, sigma) for t, sigma in zip(time_s.tolist(), by_quality, strict=True)])
 
 
@@ -324,15 +331,16 @@ def read_ublox(file: Path) -> ReceiverFixes:
         n_without_fix=n_without_fix,
         vertical_datum=ELLIPSOIDAL,
         notes=notes,
+        sigma_z_m=table[:, 5] if (table[:, 5] > 0.0).all() else None,
     )
 
 
-def _ubx_position(message: Any) -> tuple[float, float, float, float, float]:
-    """Return Unix time [s], longitude, latitude [deg], ellipsoidal height and standard deviation [m]."""
+def _ubx_position(message: Any) -> tuple[float, ...]:
+    """Return Unix time [s], longitude, latitude [deg], ellipsoidal height, standard deviations across and of the height [m]."""
     day = datetime(message.year, message.month, message.day, tzinfo=UTC).timestamp()
     clock = 3600.0 * message.hour + 60.0 * message.min + message.second + 1e-9 * message.nano
     sigma_m = 1e-3 * message.hAcc / float(np.sqrt(2.0))
-    return day + clock, message.lon, message.lat, 1e-3 * message.height, sigma_m
+    return day + clock, message.lon, message.lat, 1e-3 * message.height, sigma_m, 1e-3 * message.vAcc
 
 
 # Names of the fields by version of the app; the order of the last resort is that of version 2.
