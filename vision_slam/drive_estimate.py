@@ -5,9 +5,9 @@ landmarks of any drive: in a CRS, or in the frame of the first image where there
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-
 from scipy import sparse
 
 from survey import Recording, SurfacePoints, Trajectory
@@ -82,31 +82,26 @@ class Localization(DataObject):
         """
         gps, ground = recording.gps, recording.gps.position - [0.0, 0.0, recording.antenna_height_m]
         sigma_m = fix_errors(gps, config)
-        wandering_m = sigma_m * config.gps_bias_sigma_m / config.fix_sigma_m
-        own_m = sigma_m * config.gps_white_sigma_m / config.fix_sigma_m
         heading = np.arctan2(np.gradient(ground[:, 1]), np.gradient(ground[:, 0]))
         attitude = np.column_stack([np.zeros_like(heading), np.zeros_like(heading), heading])
-        is_foreign = (
-            not recording.start_is_surveyed and "gps_correlation_time_s" not in config.model_fields_set
-        )
-        memory_s = UNKNOWN_MEMORY_S if is_foreign else config.gps_correlation_time_s
-        error = wandering_error(gps.time_s, wandering_m, memory_s)
         covariance = sigma_m[:, :, None] ** 2 * np.eye(3)
-        trajectory = Trajectory(
-            gps.time_s, ground, quaternions(attitude), covariance, recording.crs, error=error
-        )
+        shared: dict[str, Any] = {}
+        error = None if recording.start_is_surveyed else _receiver_error(gps.time_s, sigma_m, config)
+        if error is not None:
+            own = covariance * (config.gps_white_sigma_m / config.fix_sigma_m) ** 2
+            keyframe = error.keyframe_at(gps.time_s)
+            shared = {"own_covariance": own, "keyframe": keyframe, "heading_rad": heading, "body": ground}
         points = SurfacePoints(
             ground,
             covariance=covariance,
             origins=gps.position,
             crs=recording.crs,
             vertical_datum=recording.vertical_datum,
-            own_covariance=own_m[:, :, None] ** 2 * np.eye(3),
-            keyframe=error.keyframe_at(gps.time_s),
-            heading_rad=heading,
-            body=ground,
+            **shared,
         )
-        return cls(trajectory, points, n_fixes=len(ground))
+        poses = quaternions(attitude)
+        path = Trajectory(gps.time_s, ground, poses, covariance, recording.crs, error=error)
+        return cls(path, points, n_fixes=len(ground))
 
 
 # Attitudes that fixes alone do not show: a rover on slopes [rad].
@@ -120,6 +115,13 @@ def fix_errors(gps: GpsFixes, config: LocalizationConfig) -> FloatArray:
     across = np.full(len(gps), config.fix_sigma_m) if gps.sigma_m is None else gps.sigma_m
     upward = config.gps_vertical_factor * across if gps.sigma_z_m is None else gps.sigma_z_m
     return np.column_stack([across, across, upward])
+
+
+def _receiver_error(time_s: FloatArray, sigma_m: FloatArray, config: LocalizationConfig) -> PathError:
+    """Return the error that fixes (N,) of a receiver of which little is known share, with their standard deviations (N, 3) [m]."""
+    is_set = "gps_correlation_time_s" in config.model_fields_set
+    memory_s = config.gps_correlation_time_s if is_set else UNKNOWN_MEMORY_S
+    return wandering_error(time_s, sigma_m * config.gps_bias_sigma_m / config.fix_sigma_m, memory_s)
 
 
 def wandering_error(time_s: FloatArray, sigma_m: FloatArray, memory_s: float) -> PathError:

@@ -2,7 +2,8 @@
 
 `read_gps` recognizes a file by its suffix or content and returns a `GpsLog`. `read_fix_table` reads tables of other
 programs by the usual names of columns, with times as numbers or dates, or with columns that the user names.
-`read_positions` reads the ``.pos`` files of RTKLIB and converts GPS time to UTC. Raw observations (RINEX) are refused.
+`read_positions` reads the ``.pos`` files of RTKLIB and converts GPS time to UTC. `is_receiver_log` says whether a file is a
+log of fixes and no table of points. Raw observations (RINEX) are refused.
 """
 
 import csv
@@ -28,7 +29,17 @@ from survey.io.column_names import (
 from survey.io.tables import read_table
 from survey.io.text_tables import Axis, TextTable, read_text_table, refuse_clock_numbers, refuse_hemispheres
 from survey.io.trajectory_files import read_gpx
-from vision_slam.readers.receiver_logs import SYNC, read_gnss_logger, read_nmea, read_ublox
+from vision_slam.readers.receiver_logs import (
+    SYNC,
+    decimal_degrees,
+    gps_week_s,
+    is_grafnav,
+    leap_s,
+    read_gnss_logger,
+    read_grafnav,
+    read_nmea,
+    read_ublox,
+)
 from vision_slam.readers.sequence import DATED_S, WGS84, GpsLog, ReceiverFixes, axis_sigma_m, usable
 
 _DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
@@ -54,6 +65,23 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
     if columns or (kind == ".csv" and not _has_own_columns(file)):
         return _usable(GpsLog(**read_fix_table(file, columns)._asdict()), file)
     return _usable(_READERS[kind](file), file)
+
+
+RECEIVER_ENDINGS = (".gpx", ".nmea", ".pos", ".ubx")
+"""Endings of logs of fixes; other endings, such as ``.txt``, are recognized by their content."""
+_TEXT_ENDINGS = (".txt", ".log", ".asc", ".dat", "")
+
+
+def is_receiver_log(path: str | Path) -> bool:
+    """Return whether a file is a log of fixes: by its ending, or a text by the marks that no table of points has."""
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix in RECEIVER_ENDINGS or suffix not in _TEXT_ENDINGS or not file.is_file():
+        return suffix in RECEIVER_ENDINGS
+    with file.open("rb") as stream:
+        lines = stream.read(_SNIFFED_BYTES).decode("utf-8", errors="replace").splitlines()
+    starts = ("Fix,", "# Fix,", "%  GPST", "%  UTC", "% GPST", "% UTC")
+    return any(line.startswith(starts) or _NMEA_FIX.search(line) for line in lines) or is_grafnav(lines)
 
 
 def _usable(log: GpsLog, file: Path) -> GpsLog:
@@ -82,6 +110,8 @@ def _kind_of(file: Path) -> str:
         )
     if any(line.startswith(("Fix,", "# Fix,")) for line in lines):
         return ".txt"
+    if is_grafnav(head.decode("utf-8", errors="replace").splitlines()):
+        return _GRAFNAV
     if any("$G" in line and "," in line for line in lines):
         return ".nmea"
     plain = next((line for line in lines if line and not line.startswith(("%", "#"))), "")
@@ -141,6 +171,8 @@ def _from_table(file: Path) -> GpsLog:
 
 
 _SNIFFED_BYTES, _SYNC_WITHIN = 65536, 4096
+_GRAFNAV = "GrafNav"
+_NMEA_FIX = re.compile(r"\$G[A-Z]GGA,")
 _RTKLIB_LINE = re.compile(r"(\d{4}[/-]\d{2}[/-]\d{2}[ ,]+\d{1,2}:\d{2}:|\d{4}[ ,]+\d{1,6}\.\d+[ ,])")
 _READERS: dict[str, Callable[[Path], GpsLog]] = {
     ".gpx": _from_gpx,
@@ -149,6 +181,7 @@ _READERS: dict[str, Callable[[Path], GpsLog]] = {
     ".csv": _from_table,
     ".nmea": _log_of(read_nmea),
     ".txt": _log_of(read_gnss_logger),
+    _GRAFNAV: _log_of(read_grafnav),
 }
 
 
@@ -312,10 +345,6 @@ def _column_of_dates(table: TextTable, name: str, days: Sequence[str]) -> FloatA
 
 # Least standard deviation of a solution of each quality [m]; RTKLIB states the noise alone.
 _LEAST_SIGMA_M = {1: 0.01, 2: 0.05, 3: 0.5, 4: 0.5, 5: 1.0, 6: 0.05}
-_GPS_EPOCH_S = 315964800.0  # 6 January 1980
-_WEEK_S = 604800.0
-# Unix times from which GPS time is ahead of UTC by so many seconds.
-_LEAPS = ((1483228800.0, 18.0), (1435708800.0, 17.0), (1341100800.0, 16.0), (1230768000.0, 15.0))
 _LEAST_RTKLIB_WORDS = 10
 
 
@@ -343,7 +372,7 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray, Floa
     if not rows:
         raise InputError(f"{file} holds no positions; process the observations again.")
     table = np.array(rows)
-    time_s = table[:, 0] if is_utc else table[:, 0] - _leap_s(table[:, 0])
+    time_s = table[:, 0] if is_utc else table[:, 0] - leap_s(table[:, 0])
     return time_s, table[:, 1:4], table[:, 4], table[:, 5]
 
 
@@ -367,18 +396,8 @@ def _with_degrees(words: list[str], where: str) -> list[str]:
         raise InputError(
             f"{where}: {len(words)} values; degrees, minutes and seconds of both angles were expected."
         )
-    angles = [_rtklib_degrees(words[k : k + 3], where) for k in (2, 5)]
+    angles = [repr(decimal_degrees(words[k : k + 3], where)) for k in (2, 5)]
     return [*words[:2], *angles, *words[8:]]
-
-
-def _rtklib_degrees(parts: list[str], where: str) -> str:
-    """Return an angle of degrees, minutes and seconds in degrees; the sign stands before the degrees, −0 too."""
-    try:
-        degrees, minutes, seconds = map(float, parts)
-    except ValueError as error:
-        raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
-    size = abs(degrees) + minutes / 60.0 + seconds / 3600.0
-    return repr(-size if parts[0].startswith("-") else size)
 
 
 def _rtklib_position(words: list[str], where: str) -> tuple[float, ...]:
@@ -403,15 +422,7 @@ def _rtklib_position(words: list[str], where: str) -> tuple[float, ...]:
 def _rtklib_time_s(first: str, second: str) -> float:
     """Return seconds since 1970 of a date and time of day, or of a GPS week and its seconds."""
     if "/" not in first and "-" not in first:
-        return _GPS_EPOCH_S + _WEEK_S * float(first) + float(second)
+        return gps_week_s(float(first), float(second))
     day = datetime.strptime(first.replace("-", "/") + "+0000", "%Y/%m/%d%z").astimezone(UTC).timestamp()
     hours, minutes, seconds = second.split(":")
     return day + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds)
-
-
-def _leap_s(time_s: FloatArray) -> FloatArray:
-    """Return by how much GPS time is ahead of UTC (N,) [s]."""
-    ahead = np.full(len(time_s), 14.0)
-    for since_s, leap_s in reversed(_LEAPS):
-        ahead[time_s >= since_s] = leap_s
-    return ahead
