@@ -172,7 +172,7 @@ def _photo_cases() -> list[Case]:
         Case(
             f"drives: photographs with {what} · localize",
             _photos(change),
-            ["localize", "photos", "-q", "-o", "out"],
+            ["localize", "photos", "--dry-run", "-o", "out"],
             True,
             said,
         )
@@ -181,7 +181,7 @@ def _photo_cases() -> list[Case]:
 
 
 # ---- calibrations ------------------------------------------------------------------------------------------------------------
-def _frames(width: int = 320, height: int = 240) -> Prepare:
+def frames(width: int = 320, height: int = 240) -> Prepare:
     def prepare(folder: Path) -> None:
         images = folder / "drive" / "images"
         images.mkdir(parents=True)
@@ -224,7 +224,7 @@ def _calibration_cases() -> list[Case]:
     return [
         Case(
             f"drives: a calibration of {factor:g} times the size, {'stated' if stated else 'not stated'} · localize",
-            both(_frames(), text("c.yaml", yaml(factor, states_size=stated))), args, True, said,
+            both(frames(), text("c.yaml", yaml(factor, states_size=stated))), args, True, said,
         )
         for factor in (0.5, 2.0, 0.25, 4.0)
         for stated in (True, False)

@@ -98,9 +98,7 @@ def _ring(ring: shapely.LinearRing) -> str:
     return f"<LinearRing><coordinates>{words}</coordinates></LinearRing>"
 
 
-def _google_earth(
-    holes: Sequence[shapely.Polygon], *, in_multi: bool = False, in_folder: bool = False
-) -> str:
+def google_earth(holes: Sequence[shapely.Polygon], *, in_multi: bool = False, in_folder: bool = False) -> str:
     """Return KML as Google Earth writes it: all holes in one ``innerBoundaryIs``."""
     outer = _ring(degrees(SITE).exterior)
     inner = "".join(_ring(degrees(hole).exterior) for hole in holes)
@@ -110,7 +108,7 @@ def _google_earth(
     return _KML.format(f"<Folder><name>f</name>{mark}</Folder>" if in_folder else mark)
 
 
-def _kmz(content: str) -> Prepare:
+def kmz(content: str) -> Prepare:
     def prepare(folder: Path) -> None:
         with zipfile.ZipFile(folder / "site.kmz", "w") as archive:
             archive.writestr("doc.kml", content)
@@ -158,10 +156,10 @@ def _hole_cases() -> list[Case]:
         holes = HOLES[:n]
         ground = SITE.difference(shapely.union_all(holes))
         containers: dict[str, tuple[str, Prepare]] = {
-            "KML": ("site.kml", text("site.kml", _google_earth(holes))),
-            "KML in a MultiGeometry": ("site.kml", text("site.kml", _google_earth(holes, in_multi=True))),
-            "KML in a folder": ("site.kml", text("site.kml", _google_earth(holes, in_folder=True))),
-            "KMZ": ("site.kmz", _kmz(_google_earth(holes))),
+            "KML": ("site.kml", text("site.kml", google_earth(holes))),
+            "KML in a MultiGeometry": ("site.kml", text("site.kml", google_earth(holes, in_multi=True))),
+            "KML in a folder": ("site.kml", text("site.kml", google_earth(holes, in_folder=True))),
+            "KMZ": ("site.kmz", kmz(google_earth(holes))),
         }
         cases += [
             Case(
@@ -335,7 +333,7 @@ def _path_cases() -> list[Case]:
         "a b's.geojson",
         "ä,ö;ü.geojson",
     )
-    kml = _google_earth(HOLES[:1])
+    kml = google_earth(HOLES[:1])
     cases = [
         Case(f"outlines: in {name} · {command}", placed(name, features([SITE])), args, True, right)
         for name in names

@@ -19,18 +19,18 @@ _NAVD88_FEET = 6360
 BASE_M = 310.0
 
 
-def _grid(n: int = 12) -> np.ndarray:
+def terrain(n: int = 12) -> np.ndarray:
     """Return points (n², 3) [m] of gentle ground over the site."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(n) * 12.0 + 5.0, np.arange(n) * 12.0 + 5.0))
     return np.column_stack([WEST + x, SOUTH + y, BASE_M + 0.05 * x + 2.0 * np.sin(y / 30.0)])
 
 
 def heights_are(folder: Path, _: str) -> str:
-    """Return what is wrong with the heights of the map in ``out``, which are those of `_grid` in metres."""
+    """Return what is wrong with the heights of the map in ``out``, which are those of `terrain` in metres."""
     with rasterio.open(folder / "out" / "dem.tif") as source:
         mean = source.read(1, masked=True)
     low, high = float(mean.min()), float(mean.max())
-    truth = _grid()[:, 2]
+    truth = terrain()[:, 2]
     fine = truth.min() - 3.0 < low and high < truth.max() + 3.0
     return (
         ""
@@ -39,7 +39,7 @@ def heights_are(folder: Path, _: str) -> str:
     )
 
 
-def _las(name: str, key: int, value: int, factor: float) -> Prepare:
+def las(name: str, key: int, value: int, factor: float) -> Prepare:
     """Return a preparation that writes LAS with heights of a unit that one GeoKey states."""
 
     def prepare(folder: Path) -> None:
@@ -52,7 +52,7 @@ def _las(name: str, key: int, value: int, factor: float) -> Prepare:
         header.scales, header.offsets = [0.001] * 3, [WEST, SOUTH, 0.0]
         header.vlrs.append(directory)
         cloud = laspy.LasData(header)
-        cloud.x, cloud.y, cloud.z = (_grid() / [1.0, 1.0, factor]).T
+        cloud.x, cloud.y, cloud.z = (terrain() / [1.0, 1.0, factor]).T
         cloud.write(folder / name)
 
     return prepare
@@ -85,7 +85,7 @@ def _las_cases() -> list[Case]:
     cases = []
     for what, (key, value, factor) in stated.items():
         for name in ("heights.las", "heights.laz"):
-            write = _las(name, key, value, factor)
+            write = las(name, key, value, factor)
             cases.append(
                 Case(
                     f"surveys: {what} in {name} · reconstruct",
@@ -95,7 +95,7 @@ def _las_cases() -> list[Case]:
                     heights_are,
                 )
             )
-        tiles = both(_las("metres.las", 4099, 9001, 1.0), _las("heights.las", key, value, factor))
+        tiles = both(las("metres.las", 4099, 9001, 1.0), las("heights.las", key, value, factor))
         args = [
             "reconstruct",
             "metres.las",
@@ -120,7 +120,7 @@ def _las_cases() -> list[Case]:
 def _tiles_are_right(folder: Path, _: str) -> str:
     with rasterio.open(folder / "out" / "dem.vrt") as source:
         mean = source.read(1, masked=True)
-    low, high, truth = float(mean.min()), float(mean.max()), _grid()[:, 2]
+    low, high, truth = float(mean.min()), float(mean.max()), terrain()[:, 2]
     return (
         ""
         if truth.min() - 5.0 < low and high < truth.max() + 5.0
@@ -141,7 +141,7 @@ def _feet_cases() -> list[Case]:
     }  # fmt: skip
     cases = []
     for name, unit in names.items():
-        table = _grid() / [1.0, 1.0, FOOT_M[unit]]
+        table = terrain() / [1.0, 1.0, FOOT_M[unit]]
         content = text("p.csv", _rows(table, f"x_m,y_m,{name}"))
         cases.append(
             Case(
@@ -152,8 +152,8 @@ def _feet_cases() -> list[Case]:
                 heights_are,
             )
         )
-    feet = _grid() / FOOT_M["us-ft"]
-    plain = text("p.csv", _rows(_grid() / [1.0, 1.0, FOOT_M["us-ft"]], "x_m,y_m,z_m"))
+    feet = terrain() / FOOT_M["us-ft"]
+    plain = text("p.csv", _rows(terrain() / [1.0, 1.0, FOOT_M["us-ft"]], "x_m,y_m,z_m"))
     compound = Case(
         "surveys: EPSG:32608+6360 · reconstruct",
         plain,
@@ -178,12 +178,12 @@ def _feet_cases() -> list[Case]:
 def _unit_cases() -> list[Case]:
     cases = []
     for unit, factor in {"m": 1.0, **FOOT_M}.items():
-        csv = text("p.csv", _rows(_grid() / [1.0, 1.0, factor], "x_m,y_m,z"))
+        csv = text("p.csv", _rows(terrain() / [1.0, 1.0, factor], "x_m,y_m,z"))
         args = _reconstruct("p.csv", "--crs", UTM, "--sigma", "0.1", "--units", unit)
         cases.append(Case(f"surveys: --units {unit} · reconstruct", csv, args, True, heights_are))
 
     def contradicts(folder: Path) -> None:
-        (folder / "p.csv").write_text(_rows(_grid(), "x_m,y_m,Elevation (ft)"))
+        (folder / "p.csv").write_text(_rows(terrain(), "x_m,y_m,Elevation (ft)"))
 
     args = _reconstruct("p.csv", "--crs", UTM, "--sigma", "0.1", "--units", "m")
     unknown = _reconstruct("p.csv", "--crs", UTM, "--sigma", "0.1", "--units", "furlong")
@@ -266,7 +266,7 @@ def _conflict_cases() -> list[Case]:
     """Return points whose heights contradict one another at one place: named, or an error that holds their scatter."""
     cases = []
     for apart_m in (0.4, 1.0, 5.0):
-        grid = _grid()
+        grid = terrain()
         again = grid.copy()
         again[:, 2] += np.where(np.arange(len(again)) % 2, apart_m, -apart_m)
         table = np.column_stack([np.vstack([grid, again]), np.full(2 * len(grid), 0.02)])
@@ -297,7 +297,7 @@ def _conflict_cases() -> list[Case]:
 
 def _table_cases() -> list[Case]:
     """Return tables of total stations and receivers without a header, in all orders and separators."""
-    grid = _grid()
+    grid = terrain()
     numbers = np.arange(1, len(grid) + 1)
     orders = {
         "pnezd": [f"{k},{y:.3f},{x:.3f},{z:.3f},GRND" for k, (x, y, z) in zip(numbers, grid, strict=True)],
@@ -358,7 +358,7 @@ def _table_cases() -> list[Case]:
 
 def _sigma_cases() -> list[Case]:
     """Return points that state no error, in every format: the refusal names the option."""
-    grid = _grid()
+    grid = terrain()
 
     def vector(name: str) -> Prepare:
         def prepare(folder: Path) -> None:
@@ -383,7 +383,7 @@ def _sigma_cases() -> list[Case]:
         "p.gpkg": (vector("p.gpkg"), ()),
         "p.shp": (vector("p.shp"), ()),
         "p.fgb": (vector("p.fgb"), ()),
-        "p.las": (_las("p.las", 4099, 9001, 1.0), ()),
+        "p.las": (las("p.las", 4099, 9001, 1.0), ()),
         "p.ply": (text("p.ply", ply.format(len(grid), body)), ("--crs", UTM)),
     }
     return [
