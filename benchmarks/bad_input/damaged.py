@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import resource
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +18,6 @@ from benchmarks.bad_input.drives import ulog
 from benchmarks.bad_input.good import SOUTH, UTM, WEST, area, hills, points, raster
 from benchmarks.bad_input.outlines import SITE, features
 from benchmarks.bad_input.surveys import las, terrain
-
 
 _LOGS = 2
 """Files that the runner opens for a case after its preparation."""
@@ -278,7 +276,7 @@ def _limit_cases() -> list[Case]:
 
     def limited(which: int, most: int) -> Prepare:
         def prepare(_: Path) -> None:
-            n = len(os.listdir("/proc/self/fd")) + _LOGS if which == resource.RLIMIT_NOFILE else 0
+            n = len(list(Path("/proc/self/fd").iterdir())) + _LOGS if which == resource.RLIMIT_NOFILE else 0
             resource.setrlimit(which, (n + most, n + most))
 
         return prepare
