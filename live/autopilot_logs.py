@@ -42,7 +42,8 @@ class LogColumns:
     [m] or NaN. `wheels`: time [s], distance of the left and of the right side [m]. `inertial`: time [s], rates [rad/s]
     and specific force [m/s²] forward, right, down. `headings`: time [s], yaw that the autopilot estimated,
     clockwise from true north [rad]. `vehicle`: what the log calls it where it is one that flies, or ``""``. `is_ground`:
-    whether the log calls it one that does not. `has_flown`: whether it was seen in the air.
+    whether the log calls it one that does not. `has_flown`: whether it was seen in the air. `lost`: what the log itself lost, one
+    note each.
     """
 
     receivers: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
@@ -52,6 +53,7 @@ class LogColumns:
     vehicle: str = ""
     is_ground: bool = False
     has_flown: bool = False
+    lost: list[str] = field(default_factory=list)
 
     @property
     def flown(self) -> str:
@@ -86,6 +88,7 @@ class LogColumns:
         notes = (
             f"works in {target.name}",
             f"{n_bad} records of the receiver without a fix or out of order are left out",
+            *self.lost,
             *([f"{len(rows)} fixes of {chosen} are used, and left out are {others}"] if others else []),
         )
         wheels, inertial = _table(self.wheels, 3), _table(self.inertial, 7)
@@ -303,6 +306,11 @@ def _read_ulog(file: Path) -> LogColumns:
     columns = LogColumns()
     log = ULog(str(file), list(_TOPICS))
     columns.set_vehicle(int(log.initial_parameters.get("MAV_TYPE", 0)))
+    if log.file_corruption:
+        columns.lost.append("the log is damaged: messages that cannot be read are left out")
+    if log.dropouts:
+        lost_s = _MILLI * sum(dropout.duration for dropout in log.dropouts)
+        columns.lost.append(f"the logger lost {lost_s:.1f} s in {len(log.dropouts)} gaps")
     for dataset in log.data_list:
         data = dataset.data
         if dataset.name in ("vehicle_gps_position", "sensor_gps"):

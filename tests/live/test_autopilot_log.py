@@ -214,7 +214,9 @@ def test_places_in_the_air_are_no_ground(vehicle, landed, word, tmp_path):
         args = [command, str(log), "--antenna", "1", "-o", str(tmp_path / command), "-q"]
         made = CliRunner().invoke(app, args)
         assert word in made.output
-        assert (made.exit_code == 3) == bool(word or command == "reconstruct"), made.output  # a line is no area
+        assert (made.exit_code == 3) == bool(word or command == "reconstruct"), (
+            made.output
+        )  # a line is no area
 
 
 def test_the_program_of_an_ardupilot_log_says_what_it_drives(tmp_path):
@@ -222,3 +224,14 @@ def test_the_program_of_an_ardupilot_log_says_what_it_drives(tmp_path):
     assert read_autopilot_log(tmp_path / "a.bin").flown == "ArduCopter V4.5.7"
     write_bin(tmp_path / "a.bin", "ArduRover V4.5.7")
     assert read_autopilot_log(tmp_path / "a.bin").flown == ""
+
+
+def test_what_a_log_itself_lost_is_noted(tmp_path):
+    log = tmp_path / "a.ulg"
+    write_ulog(log, vehicle=3)
+    content = log.read_bytes()
+    log.write_bytes(content + struct.pack("<HBH", 2, ord("O"), 250))
+    assert any("0.2 s in 1 gaps" in note for note in read_autopilot_log(log).notes)
+    middle = content.rindex(struct.pack("<HB", 26, ord("D")))  # a heading
+    log.write_bytes(content[:middle] + bytes(40) + content[middle:])
+    assert any("damaged" in note for note in read_autopilot_log(log).notes)
