@@ -88,7 +88,7 @@ def _usable(log: GpsLog, file: Path) -> GpsLog:
     """Leave out fixes that are not finite, repeat the one before or lie at 0° N 0° E, with notes."""
     stays, notes = usable(log.time_s, log.place, log.sigma_m, str(file))
     log = replace(log.select(stays), notes=(*log.notes, *notes))
-    return log.without_zero_places(str(file))
+    return log.without_zero_places(str(file)).without_zero_heights()
 
 
 def _has_own_columns(file: Path) -> bool:
@@ -123,7 +123,10 @@ def _kind_of(file: Path) -> str:
 
 def _from_gpx(file: Path) -> GpsLog:
     unix_s, place = read_gpx(file, WGS84)
-    return GpsLog(unix_s, place, is_dated=True)
+    others = {"way points": b"<wpt[ >]", "points of routes": b"<rtept[ >]"}
+    counts = {what: len(re.findall(mark, file.read_bytes())) for what, mark in others.items()}
+    notes = tuple(f"{n} {what} beside the track are left out" for what, n in counts.items() if n)
+    return GpsLog(unix_s, place, is_dated=True, notes=notes)
 
 
 def _from_positions(file: Path) -> GpsLog:
