@@ -17,7 +17,7 @@ import numpy as np
 from live.link import ARDUPILOT, PX4
 from survey import InputError, Route
 from survey.interchange.fences import LIMITS, FencePart, Limits
-from survey.interchange.mission_files import GLOBAL_FRAMES, PLACES, read_mission, require_own_fence, stops_of
+from survey.interchange.mission_files import GLOBAL_FRAMES, PLACES, read_mission_file, require_own_fence, stops_of
 from survey.interchange.missions import NAV_WAYPOINT, Mission, MissionItem, Surroundings, mission_of
 
 MISSION, FENCE = 0, 1
@@ -217,7 +217,7 @@ class AutopilotMission:
     @classmethod
     def read(cls, path: Path) -> Self:
         """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is; it has to stay within its fence."""
-        mission, where = read_mission(path), f"the mission {path}"
+        mission, where = read_mission_file(path), f"the mission {path}"
         if not stops_of(mission, where):
             raise InputError(
                 f"{where} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."

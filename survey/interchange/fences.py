@@ -23,10 +23,11 @@ FENCE_MARGIN_M = 10.0
 _SIMPLIFIED_M = 1.0
 # A rover does not keep its path to the centimetre; edges that path and no-go ground share are no crossing.
 _TOUCH_M = 0.1
-# Depths of a band in which corners may be moved; deeper ones leave the margin of the fence.
-_DEPTHS_M = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, FENCE_MARGIN_M)
-_FARTHER_M = (20.0, 40.0)
-_WIDTHS_M = (1000.0, 200.0, 60.0, 20.0, 5.0)
+# Depths of the band in which a fence may be drawn anew; a deeper one leaves the way of the route alone.
+_DEPTHS_M = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, FENCE_MARGIN_M, 13.0, 17.0, 22.0, 30.0, 50.0, 100.0)
+# Where in the band a fence begins, and how far its corners may lie from there, as shares of the depth.
+_STARTS = ((0.1, 0.1), (0.5, 0.4), (0.9, 0.1))
+_FARTHEST_M = 40.0
 _ROUTE_MARGIN_M = 5.0
 
 Autopilot = Literal["ardupilot", "px4"]
@@ -86,10 +87,14 @@ def no_go_ground(area: SurveyArea) -> list[Polygon]:
 
 
 class AreaFence(NamedTuple):
-    """Outline that a vehicle stays in, and simple polygons that it stays out of, in the CRS of the area [m]."""
+    """Outline that a vehicle stays in, and simple polygons that it stays out of, in the CRS of the area [m].
+
+    `note`: how far it was made simpler; empty where it was not.
+    """
 
     outline: Polygon
     exclusions: tuple[Polygon, ...]
+    note: str = ""
 
     @property
     def n_corners(self) -> int:
@@ -106,94 +111,79 @@ class AreaFence(NamedTuple):
         return tuple(parts)
 
 
-class FoundFence(NamedTuple):
-    """Fence of an area, and a sentence on how far it was made simpler; empty where it was not."""
-
-    fence: AreaFence
-    note: str = ""
-
-
-def area_fence(area: SurveyArea, xy: FloatArray, most_corners: int, holder: str) -> FoundFence:
+def area_fence(area: SurveyArea, xy: FloatArray, most_corners: int, holder: str) -> AreaFence:
     """Return a fence of at most so many corners for a path in an area, made simpler to the safe side where it has more.
 
     `xy` (N, 2): the path [m]. `holder`: who stores so many corners, for messages. Raises `InputError` where no fence of so
     few corners is found.
     """
-    path = path_of(xy)
-    full = AreaFence(fence_outline(area), _simple(no_go_ground(area)))
+    zones = no_go_ground(area)
+    full = AreaFence(fence_outline(area), _simple(zones))
     if full.n_corners <= most_corners:
-        return FoundFence(full)
-    for fence in _simpler(full.outline, no_go_ground(area), path):
-        if fence.n_corners <= most_corners:
-            inwards_m = _reach_m((full.outline,), (fence.outline,))
-            outwards_m = _reach_m(fence.exclusions, full.exclusions)
-            whole = (
-                "" if fence.outline.covers(area.polygon) else " and surrounds the route, not the whole area"
-            )
-            return FoundFence(
-                fence,
-                f"the fence is made simpler, from {full.n_corners} to {fence.n_corners} corners, of which {holder} holds "
-                f"{most_corners}: its outline lies up to {inwards_m:.1f} m farther in{whole}, its no-go zones reach up to "
-                f"{outwards_m:.1f} m farther out.",
-            )
-    raise InputError(
-        f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of the area and "
-        "its no-go zones fewer corners."
+        return full
+    near = [zone for zone in zones if zone.intersects(full.outline)]
+    simpler = _simpler(full.outline, near, path_of(xy))
+    fence = next((fence for fence in simpler if fence.n_corners <= most_corners), None)
+    if fence is None:
+        raise InputError(
+            f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of the area and "
+            "its no-go zones fewer corners."
+        )
+    whole = "" if fence.outline.covers(area.polygon) else " and surrounds the route, not the whole area"
+    return fence._replace(
+        note=f"the fence is made simpler, from {full.n_corners} to {fence.n_corners} corners, of which {holder} holds "
+        f"{most_corners}: its outline lies up to {_reach_m((full.outline,), (fence.outline,)):.1f} m farther in{whole}, its "
+        f"no-go zones reach up to {_reach_m(fence.exclusions, full.exclusions):.1f} m farther out."
     )
 
 
 def _simpler(outline: Polygon, zones: Sequence[Polygon], path: Geometry) -> Iterator[AreaFence]:
     """Yield fences of ever fewer corners: outlines within the given one, and exclusions that cover the zones.
 
-    Up to the margin of the fence the outline still surrounds the area; then it surrounds the path alone. Exclusions
+    Up to the margin of the fence the outline still surrounds the area, or nearly so; at last the path alone. Exclusions
     stay off the path.
     """
-    for depth_m in _DEPTHS_M:
-        inner = _thinned(outline, -depth_m)
-        yield AreaFence(inner, _grown(zones, depth_m, path))
-    for depth_m in (FENCE_MARGIN_M, *_FARTHER_M):
-        exclusions = _grown(zones, depth_m, path)
-        for wide_m in _WIDTHS_M:
-            yield AreaFence(_around(path, outline, wide_m), exclusions)
-
-
-def _grown(zones: Sequence[Polygon], depth_m: float, path: Geometry) -> tuple[Polygon, ...]:
-    """Return simple polygons that cover zones, and reach no farther than half-way to a path."""
-    grown = [_thinned(zone, min(depth_m, 0.5 * zone.distance(path))) for zone in zones]
-    return _simple(_polygons(shapely.union_all(grown)))
-
-
-def _around(path: Geometry, outline: Polygon, wide_m: float) -> Polygon:
-    """Return a polygon within an outline and around a path, a margin and at most a width away from it."""
     margin_m = min(_ROUTE_MARGIN_M, 0.5 * path.distance(outline.exterior))
-    core = Polygon(path.buffer(margin_m, quad_segs=2).exterior)
-    wide = core.buffer(wide_m, join_style="mitre").intersection(
-        outline.buffer(-0.1 * margin_m, join_style="mitre")
-    )
-    start = next((part for part in _polygons(wide) if part.covers(core)), None)
-    if start is None or not outline.covers(core):
-        return outline
-    corners = _thinned_ring(shapely.get_coordinates(start.exterior)[:-1], outline.difference(core))
-    thin = Polygon(corners)
-    return thin if thin.is_valid and outline.covers(thin) and thin.covers(core) else outline
+    core = path.buffer(margin_m, quad_segs=2)
+    deepest_m = 0.6 * float(np.sqrt(outline.area))  # more than the radius of any circle within
+    for depth_m in (*_DEPTHS_M, deepest_m):
+        away = [min(depth_m, _FARTHEST_M, 0.5 * zone.distance(path)) for zone in zones]
+        grown = [_thinned(zone, zone_m, Polygon()) for zone, zone_m in zip(zones, away, strict=True)]
+        yield AreaFence(_thinned(outline, -depth_m, core), _simple(_polygons(shapely.union_all(grown))))
 
 
-def _thinned(polygon: Polygon, depth_m: float) -> Polygon:
-    """Return a polygon of fewer corners between a polygon and itself moved outwards by a depth; the same where none is found."""
-    middle, far = (
-        polygon.buffer(step_m, join_style="mitre", mitre_limit=2.0) for step_m in (depth_m / 2.0, depth_m)
-    )
-    if depth_m == 0.0 or {middle.geom_type, far.geom_type} != {"Polygon"}:
+def _thinned(polygon: Polygon, depth_m: float, core: Polygon) -> Polygon:
+    """Return a polygon of fewer corners between a polygon and itself moved outwards by a depth; the same where none is found.
+
+    Where it is moved inwards it still surrounds a core.
+    """
+    far = _within(_moved(polygon, depth_m).union(core), depth_m)
+    starts = [
+        _within(_moved(polygon, share * depth_m).simplify(slack * abs(depth_m)).union(core), depth_m)
+        for share, slack in _STARTS
+    ]
+    if depth_m == 0.0 or {shape.geom_type for shape in (far, *starts)} != {"Polygon"}:
         return polygon
     band = polygon.symmetric_difference(far)
-    rings = [
-        _thinned_ring(shapely.get_coordinates(ring)[:-1], band)
-        for ring in (middle.exterior, *middle.interiors)
-    ]
-    thin = Polygon(rings[0], rings[1:])
-    outer, inner = (thin, polygon) if depth_m > 0.0 else (polygon, thin)
-    is_better = shapely.get_num_coordinates(thin) < shapely.get_num_coordinates(polygon)
-    return thin if is_better and thin.is_valid and outer.covers(inner) else polygon
+    inner, outer = (far, polygon) if depth_m < 0.0 else (polygon, far)
+    thin = [_with_thinned_rings(start, band) for start in starts]
+    sound = [one for one in thin if one.is_valid and one.covers(inner) and outer.covers(one)]
+    return min([polygon, *sound], key=shapely.get_num_coordinates)
+
+
+def _moved(polygon: Polygon, depth_m: float) -> Geometry:
+    return polygon.buffer(depth_m, join_style="mitre", mitre_limit=2.0)
+
+
+def _within(shape: Geometry, depth_m: float) -> Geometry:
+    """Return a shape without holes where it is an outline that was moved inwards."""
+    return Polygon(shape.exterior) if depth_m < 0.0 and shape.geom_type == "Polygon" else shape
+
+
+def _with_thinned_rings(polygon: Polygon, band: Geometry) -> Polygon:
+    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+    shell, *holes = (_thinned_ring(corners, band) for corners in rings)
+    return Polygon(shell, holes)
 
 
 def _thinned_ring(corners: FloatArray, band: Geometry) -> FloatArray:
@@ -202,7 +192,7 @@ def _thinned_ring(corners: FloatArray, band: Geometry) -> FloatArray:
     while len(corners) > 4:
         before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
         joined = shapely.covers(band, shapely.linestrings(np.stack([before, after], axis=1)))
-        areas = np.abs(np.cross(corners - before, after - before))
+        areas = shapely.area(shapely.polygons(np.stack([before, corners, after], axis=1)))
         is_kept = np.ones(len(corners), dtype=bool)
         for k in np.argsort(areas, kind="stable"):
             if joined[k] and is_kept[k - 1] and is_kept[(k + 1) % len(corners)] and is_kept.sum() > 4:

@@ -1,6 +1,6 @@
 """Read missions of ground stations: QGroundControl's plan file and the plain-text mission ``QGC WPL 110``.
 
-`read_mission` returns the commands and the fence of a file as they are. `stops_of` finds the commands that lead a vehicle to
+`read_mission_file` returns the commands and the fence of a file as they are. `stops_of` finds the commands that lead a vehicle to
 a place, and refuses those whose place is none. `driven_places` makes a route of them: each command is a place of the route,
 is named as left out, or is refused. Numbers of items are those that ground stations show. Commands: mavlink.io, "MAV_CMD".
 """
@@ -165,7 +165,7 @@ def require_own_fence(mission: Mission, where: str) -> None:
             require_inside(xy[[before[-1], after[0]]], mission.fence, crs, f"{where} lie")
 
 
-def read_mission(path: str | Path) -> Mission:
+def read_mission_file(path: str | Path) -> Mission:
     """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is.
 
     Raises `InputError` for a file that is damaged, that holds patterns without their places, or whose commands have

@@ -7,7 +7,7 @@ fence. Formats: docs.qgroundcontrol.com, "Plan File Format"; mavlink.io, "File F
 
 import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -144,31 +144,6 @@ class Surroundings:
             )
         return heights
 
-    def fence(self, route: Route) -> tuple[tuple[FencePart, ...], str]:
-        """Return the fence of the area, of no more corners than the autopilot holds, and how far it was made simpler.
-
-        Parameters
-        ----------
-        route : Route
-            Has to stay within it.
-
-        Returns
-        -------
-        tuple
-            The parts, none without an area, and a sentence, which may be empty.
-
-        Raises
-        ------
-        InputError
-            A fence of more corners than can be stored.
-        """
-        if self.area is None:
-            return (), ""
-        most = self.most_corners or LIMITS[self.autopilot].fence_corners
-        holder = NAMES[self.autopilot] if self.most_corners is None else "the board"
-        found = area_fence(self.area, route.path(), most, holder)
-        return found.fence.parts(self.area.crs), found.note
-
 
 NAV_WAYPOINT = 16
 _NAV_RETURN_TO_LAUNCH, _DO_CHANGE_SPEED = 20, 178
@@ -192,7 +167,7 @@ class Mission(NamedTuple):
     """Commands and fence of one vehicle.
 
     `first`: number of the first item where the mission is shown. `left_out`: what a file holds beside them. `note`: how
-    far the fence was made simpler.
+    far the fence was made simpler. `home`: latitude and longitude [deg] and height [m].
     """
 
     items: tuple[MissionItem, ...]
@@ -200,6 +175,7 @@ class Mission(NamedTuple):
     first: int = 1
     left_out: tuple[str, ...] = ()
     note: str = ""
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def mission_of(route: Route, path: Path, around: Surroundings) -> Mission:
@@ -208,21 +184,35 @@ def mission_of(route: Route, path: Path, around: Surroundings) -> Mission:
     `path`: where it is written, for messages.
     """
     waypoints = _waypoints(route, path)
-    fence, note = around.fence(route)
-    xy = transformed(np.round(waypoints, 9)[:, ::-1], WGS84, route.crs, "the route")
-    require_inside(xy, fence, route.crs, f"the mission {path.name} lie")
-    return Mission(tuple(_commands(waypoints, around.heights(route.path()), around)), fence, note=note)
+    fence, note = fence_of(route, path, around)
+    heights = around.heights(route.path())
+    latitude, longitude = waypoints[0].tolist()
+    home = latitude, longitude, 0.0 if heights is None else float(heights[0])
+    return Mission(tuple(_commands(waypoints, heights, around)), fence, note=note, home=home)
+
+
+def fence_of(route: Route, path: Path, around: Surroundings) -> tuple[tuple[FencePart, ...], str]:
+    """Return the fence of a route, of no more corners than the autopilot holds, and how far it was made simpler.
+
+    The path is compared with it as both are written, in degrees. `path`: where it is written, for messages.
+    """
+    if around.area is None:
+        return (), ""
+    most = around.most_corners or LIMITS[around.autopilot].fence_corners
+    fence = area_fence(around.area, route.path(), most, NAMES[around.autopilot])
+    parts = fence.parts(route.crs)
+    xy = transformed(np.round(_waypoints(route, path), 9)[:, ::-1], WGS84, route.crs, "the route")
+    require_inside(xy, parts, route.crs, f"the mission {path.name} lie")
+    return parts, fence.note
 
 
 def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
     """Write a plan file of version 1: mission, fence, speed, home position."""
-    mission, waypoints = mission_of(route, path, around), _waypoints(route, path)
-    _warn_of_many(mission, around.autopilot)
-    if mission.note:
-        _logger.warning("%s: %s", path.name, mission.note)
-    heights = around.heights(route.path())
+    mission = mission_of(route, path, around)
+    _warn_of_limits(mission, path, around.autopilot)
     speed_m_s = around.speed_m_s or _mean_speed(route)
-    home = 0.0 if heights is None else float(heights[0])
+    latitude, longitude, height = mission.home
+    home = [round(latitude, 9), round(longitude, 9), round(height, 2) if height else 0]
     plan = {
         "fileType": "Plan",
         "geoFence": {
@@ -237,7 +227,7 @@ def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
             "globalPlanAltitudeMode": 1,
             "hoverSpeed": round(speed_m_s, 3),
             "items": [_json_item(i, item) for i, item in enumerate(mission.items, start=1)],
-            "plannedHomePosition": [*np.round(waypoints[0], 9).tolist(), round(home, 2) if home else 0],
+            "plannedHomePosition": home,
             "vehicleType": _GROUND_ROVER,
             "version": 2,
         },
@@ -249,24 +239,24 @@ def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
 
 def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
     """Write home first, as ground stations expect it, then the commands; this format holds no fence."""
-    mission, waypoints = mission_of(route, path, around), _waypoints(route, path)
-    _warn_of_many(mission, around.autopilot)
-    if mission.fence:
+    if around.area is not None:
         _logger.warning("%s holds no fence; write .plan to take that of the area along.", path.name)
-    heights = around.heights(route.path())
-    home = (0.0, 0.0, 0.0, 0.0, *waypoints[0], 0.0 if heights is None else float(heights[0]))
-    items = [MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, home), *mission.items]
+    mission = mission_of(route, path, replace(around, area=None))
+    _warn_of_limits(mission, path, around.autopilot)
+    items = [MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0, *mission.home)), *mission.items]
     lines = [_line(index, item) for index, item in enumerate(items)]
     write_text(path, "QGC WPL 110\n" + "".join(lines))
 
 
-def _warn_of_many(mission: Mission, autopilot: Autopilot) -> None:
-    """Say that an autopilot with the defaults of its makers does not hold a mission; boards may hold more."""
+def _warn_of_limits(mission: Mission, path: Path, autopilot: Autopilot) -> None:
+    """Say how far the fence was made simpler, and that an autopilot as its makers ship it does not hold a mission."""
+    if mission.note:
+        _logger.warning("%s: %s", path.name, mission.note)
     n_items, most = len(mission.items) + _N_HOME[autopilot], LIMITS[autopilot].items
     if n_items > most:
         _logger.warning(
-            "the mission has %d items, and %s holds %d by default; plan fewer or straighter swaths, or divide the route.",
-            n_items, NAMES[autopilot], most,
+            "%s has %d items, and %s holds %d by default; plan fewer or straighter swaths, or divide the route.",
+            path.name, n_items, NAMES[autopilot], most,
         )  # fmt: skip
 
 

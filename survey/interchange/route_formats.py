@@ -23,8 +23,8 @@ from pyproj import CRS
 from survey.core import InputError, existing_file, projected_crs
 from survey.core.transformation import WGS84, chosen_crs, is_geographic
 from survey.data.route import Leg, Route
-from survey.interchange.missions import Surroundings, mission_of
-from survey.interchange.route_readers import IN_METRES, MISSIONS, READERS, ReadLegs
+from survey.interchange.missions import Surroundings, fence_of
+from survey.interchange.route_readers import IN_METRES, READERS, ReadLegs
 from survey.interchange.route_writers import WRITERS
 from survey.io.vector import read_features
 
@@ -87,8 +87,8 @@ def require_writable(route: Route, path: Path, *, rover: int | None, around: Sur
         )
     part = part_of_rover(route, rover)
     around.check(part)
-    if ending in MISSIONS:
-        mission_of(part, path, around)
+    if ending == ".plan":  # the file with a fence
+        fence_of(part, path, around)
     return part
 
 

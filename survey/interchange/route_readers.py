@@ -18,7 +18,7 @@ from pyproj import CRS
 from survey.core import FloatArray, InputError
 from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg
-from survey.interchange.mission_files import driven_places, read_mission
+from survey.interchange.mission_files import driven_places, read_mission_file
 from survey.io.file_kinds import kml_document, small_text
 from survey.io.vector import layer_names, read_features
 
@@ -165,8 +165,8 @@ def _read_wkt(path: Path, _: CRS) -> ReadLegs:
     return ReadLegs(_joined(legs), _beside(sum((others for _, others in found), Counter())))
 
 
-def _read_mission(path: Path, crs: CRS) -> ReadLegs:
-    lonlat, notes = driven_places(read_mission(path), f"the plan {path}")
+def _read_mission_file(path: Path, crs: CRS) -> ReadLegs:
+    lonlat, notes = driven_places(read_mission_file(path), f"the plan {path}")
     if len(lonlat) < 2:
         return ReadLegs([], notes)
     return ReadLegs([Leg("swath", transformed(lonlat, WGS84, crs, f"the plan {path}"))], notes)
@@ -192,8 +192,6 @@ def _joined(legs: list[Leg]) -> list[Leg]:
 
 IN_METRES = (".csv", ".wkt")
 """Endings of plans in metres that name no CRS."""
-MISSIONS = (".plan", ".waypoints")
-"""Endings of missions of one vehicle."""
 READERS: dict[str, Callable[[Path, CRS], ReadLegs]] = {
     ".csv": _read_csv,
     ".geojson": _read_lines,
@@ -202,7 +200,7 @@ READERS: dict[str, Callable[[Path, CRS], ReadLegs]] = {
     ".json": _read_lines,
     ".kml": _read_kml,
     ".kmz": _read_kml,
-    ".plan": _read_mission,
-    ".waypoints": _read_mission,
+    ".plan": _read_mission_file,
+    ".waypoints": _read_mission_file,
     ".wkt": _read_wkt,
 }
