@@ -17,7 +17,13 @@ import numpy as np
 from live.link import ARDUPILOT, PX4
 from survey import InputError, Route
 from survey.interchange.fences import LIMITS, FencePart, Limits
-from survey.interchange.mission_files import GLOBAL_FRAMES, PLACES, read_mission_file, require_own_fence, stops_of
+from survey.interchange.mission_files import (
+    GLOBAL_FRAMES,
+    PLACES,
+    read_mission_file,
+    require_own_fence,
+    stops_of,
+)
 from survey.interchange.missions import NAV_WAYPOINT, Mission, MissionItem, Surroundings, mission_of
 
 MISSION, FENCE = 0, 1

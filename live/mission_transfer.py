@@ -3,8 +3,8 @@
 `send_items` and `fetch_items` are the mission protocol of MAVLink from the side of the ground station. Every message may
 be lost. A vehicle asks for the items one by one and takes the one that it waits for. While it is silent, the last item
 and those after it are sent unasked, since its request may be what was lost. A transfer ends with the vehicle's
-acknowledgement, with its refusal, with `LinkLostError` when nothing came for as long as the patience, or with `InputError`
-when the vehicle talks for as long, or asks for one item again and again, without going on. `start_mission`
+acknowledgement, with its refusal, with `LinkLostError` when nothing came for as long as the patience or the vehicle talked
+for as long without going on, or with `InputError` when it asks for one item again and again. `start_mission`
 commands the vehicle to begin the mission that it holds.
 
 `upload` sends mission and fence, reads them back and compares them; `downloaded_route` reads a mission as a route.
@@ -60,6 +60,10 @@ _PASSING = (_CANCELLED, _ERROR)
 
 class TransferBrokenError(LinkLostError):
     """The vehicle gave a transfer up; what it held before still holds."""
+
+
+class TransferStalledError(LinkLostError):
+    """The vehicle talks and does not go on; over a poor link its next transfer may succeed."""
 
 
 def send_items(
@@ -319,7 +323,7 @@ def _require_progress(vehicle: Vehicle, heard: float, went_on: float, when: str)
         )
     # A vehicle that went silent a while ago may have lost its link.
     if now - went_on > vehicle.patience_s and now - heard < 0.5 * vehicle.patience_s:
-        raise InputError(
+        raise TransferStalledError(
             f"{vehicle.name} talks, but did not go on for {vehicle.patience_s:g} s {when}; restart the autopilot and run the "
             "command again, with more --patience over a poor link."
         )
@@ -358,7 +362,7 @@ def _command(vehicle: Vehicle, command: int, first: float, words: str) -> None:
     )
 
 
-_MOST_TRANSFERS = 6
+_MOST_TRANSFERS, _MOST_STALLED = 6, 3
 MOST_UPLOAD_S = 600.0
 """Time after which an upload over a poor link is given up [s]."""
 
@@ -431,12 +435,14 @@ def _until_equal(
     The first `n_home` items are not compared: the vehicle has a home position of its own.
     """
     index: int | None = None
+    n_stalled = 0
     for transfer in range(1, _MOST_TRANSFERS + 1):
         try:
             send_items(vehicle, items, kind, progress)
             found = fetch_items(vehicle, kind, progress)
-        except LinkLostError:
-            if transfer == _MOST_TRANSFERS:
+        except LinkLostError as error:
+            n_stalled += isinstance(error, TransferStalledError)
+            if transfer == _MOST_TRANSFERS or n_stalled == _MOST_STALLED:
                 raise
             vehicle.wait_for_heartbeat()
             continue
