@@ -1,18 +1,16 @@
 """Vehicles that talk and do not go on: each transfer ends with one sentence. And missions of other ground stations, read back."""
 
-import os
-import threading
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from live.link import LinkAddress, Vehicle
+from live.link import Vehicle
 from live.mission_items import MISSION, AutopilotMission
 from live.mission_transfer import downloaded_route, fetch_items, upload
-from live.rover import Radio
 from survey.core.errors import InputError
 from survey.interchange.missions import MissionItem
+from tests.live.scripted_vehicle import ScriptedVehicle
 
 PLACES = [(60.431, -135.10), (60.431, -135.09), (60.433, -135.09), (60.433, -135.10)]
 
@@ -24,41 +22,13 @@ def item(command: int, place: tuple[float, float] = (0.0, 0.0), frame: int = 3) 
 MISSION_OF_FOUR = AutopilotMission(tuple(item(16, place) for place in PLACES))
 
 
-class Scripted:
-    """A vehicle of PX4 that answers each message with what a script says: names of messages with their values."""
-
-    def __init__(self, script: Callable[[str, int], list[tuple]]) -> None:
-        os.environ.setdefault("MAVLINK20", "1")
-        from pymavlink.dialects.v20 import common
-
-        self._script, self._common = script, common
-        self._radio, self._over = Radio("127.0.0.1", 0), threading.Event()
-        self._station = common.MAVLink(None, 1, 1)
-        self.address = LinkAddress.parsed(f"udp://127.0.0.1:{self._radio.port}")
-        self._thread = threading.Thread(target=self._serve)
-
-    def __enter__(self) -> "Scripted":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
-        self._radio.close()
-
-    def _serve(self) -> None:
-        while not self._over.is_set():
-            data = self._radio.receive(0.02)
-            for message in (self._station.parse_buffer(data) or []) if data else []:
-                for name, *values in self._script(message.get_type(), getattr(message, "seq", -1)):
-                    self._send(name, *values)
-            for name, *values in self._script("", -1):
-                self._send(name, *values)
-            self._send("heartbeat", 10, 12, 0, 0, 3, 3)
-
-    def _send(self, name: str, *values: float) -> None:
-        message = getattr(self._common, f"MAVLink_{name}_message")(*values)
-        self._radio.send(message.pack(self._station))
+def scripted(script: Callable[[str, int], list[tuple]]) -> ScriptedVehicle:
+    """Return a vehicle of PX4 whose script gets the kind of a message and its number; no kind at every turn."""
+    return ScriptedVehicle(
+        lambda message: (
+            script("", -1) if message is None else script(message.get_type(), getattr(message, "seq", -1))
+        )
+    )
 
 
 def ask(seq: int) -> tuple:
@@ -123,7 +93,7 @@ class AsksEverHigher:
     ids=lambda value: getattr(value, "__name__", None),
 )
 def test_an_upload_to_a_vehicle_that_does_not_go_on_ends(script, words):
-    with Scripted(script) as vehicle, pytest.raises(InputError, match=words):
+    with scripted(script) as vehicle, pytest.raises(InputError, match=words):
         upload(MISSION_OF_FOUR, vehicle.address, patience_s=1.5)
 
 
@@ -157,7 +127,7 @@ def gives_others_than_asked_for(kind: str, seq: int) -> list[tuple]:
 )
 def test_a_download_from_a_vehicle_that_does_not_go_on_ends(script):
     with (
-        Scripted(script) as vehicle,
+        scripted(script) as vehicle,
         pytest.raises(InputError, match=r"did not go on|was silent|could be read in"),
     ):
         downloaded_route(vehicle.address, "EPSG:32608", patience_s=1.5)
@@ -182,7 +152,7 @@ def test_a_download_keeps_the_places_of_all_commands_in_order(caplog):
         (21, PLACES[3], 0),
         (20, (0.0, 0.0), 2),
     )
-    with Scripted(held) as vehicle:
+    with scripted(held) as vehicle:
         route = downloaded_route(vehicle.address, "EPSG:32608", patience_s=5.0)
     assert len(route.path()) == 4
     assert np.all(np.hypot(*np.diff(route.path(), axis=0).T) > 200.0)
@@ -205,7 +175,7 @@ def test_a_download_keeps_the_places_of_all_commands_in_order(caplog):
     ],
 )
 def test_a_download_that_a_route_cannot_hold_is_refused_with_its_item(held, words):
-    with Scripted(held) as vehicle, pytest.raises(InputError, match=words):
+    with scripted(held) as vehicle, pytest.raises(InputError, match=words):
         downloaded_route(vehicle.address, "EPSG:32608", patience_s=5.0)
 
 
@@ -214,5 +184,5 @@ def test_items_that_no_mission_has_are_none_of_it():
         first = holds((16, PLACES[0]), (16, PLACES[1]))(kind, seq)
         return [answer(900, 16, PLACES[2]), *first] if kind == "MISSION_REQUEST_INT" else first
 
-    with Scripted(script) as vehicle, Vehicle.connected(vehicle.address, 5.0) as link:
+    with scripted(script) as vehicle, Vehicle.connected(vehicle.address, 5.0) as link:
         assert [one.degrees for one in fetch_items(link, MISSION)] == PLACES[:2]
