@@ -295,7 +295,7 @@ def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveC
                 f"{state.predicted.rmse_m:.2f} m, ask for a larger error."
             )
         state.drive(state.nearest(lines), _unmeasured)
-    return Route(tuple(state.legs), area.crs, "adaptive")
+    return on_free_ground(Route(tuple(state.legs), area.crs, "adaptive"), area)
 
 
 def next_swath(

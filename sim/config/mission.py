@@ -151,6 +151,8 @@ class AreaConfig(Section):
 
     file: str | None = None
     """Polygon file; a relative path counts from the mission file."""
+    select: tuple[str, ...] = ()
+    """Which outlines of the file: names, or COLUMN=VALUE such as RGIId=RGI60-11.00897; * stands for any letters."""
     bounds_m: tuple[float, float, float, float] | None = None
     """Rectangle xmin, ymin, xmax, ymax in the terrain's CRS [m]."""
     clip_to_terrain: bool = False

@@ -121,8 +121,10 @@ class Outlines(NamedTuple):
             raise InputError(f"{self.where} has no column {column!r} (found {known}); name one of those.")
         pattern = (value if is_stated else wanted).strip().casefold()
         texts = [[_text(v).casefold() for v in self.features.attributes[name]] for name in columns]
+        if not is_stated:
+            texts.append([name.casefold() for name in self.names])
         rows = [[text == pattern or fnmatchcase(text, pattern) for text in row] for row in texts]
-        return np.array(rows, dtype=np.bool_).reshape(-1, len(self.roles)).any(axis=0)
+        return np.asarray(np.array(rows, np.bool_).reshape(-1, len(self.roles)).any(axis=0))
 
 
 def _text(value: Any) -> str:
@@ -178,8 +180,8 @@ def refuse_nested(features: Features, *, only_parts: bool = False) -> None:
     stay off. `only_parts`: whether polygons may lie inside others.
     """
     only_parts = only_parts or role_column(features) is not None
-    polygonal = [isinstance(shape, Polygon | MultiPolygon) for shape in features.geometry]
-    parts, owner = shapely.get_parts(np.where(polygonal, features.geometry, None), return_index=True)
+    shapes = [shape if isinstance(shape, Polygon | MultiPolygon) else None for shape in features.geometry]
+    parts, owner = shapely.get_parts(shapes, return_index=True)
     size = shapely.area(parts)
     inner, outer = shapely.STRtree(parts).query(parts, predicate="intersects") if len(parts) > 1 else ([], [])
     # Equal polygons are one that was saved twice.
