@@ -33,6 +33,7 @@ from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_line
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
+from planners.routes.traversability import on_free_ground
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray

@@ -311,11 +311,8 @@ def between_heights(
     )
     if not parts:
         known = dem.elevation[np.isfinite(dem.elevation)]
-        span = (
-            f"its heights are {known.min():.0f} to {known.max():.0f} m" if len(known) else "it has no height"
-        )
         raise InputError(
-            f"no ground of the area lies {limits} of the prior ({span}); change --above or --below."
+            f"no ground of the area lies {limits} of the prior (its heights are {known.min():.0f} to {known.max():.0f} m); change --above or --below."
         )
     ground = parts[0] if len(parts) == 1 else MultiPolygon(parts)
     logger.warning(

@@ -31,8 +31,6 @@ from survey.data.outlines import (
     ROLES,
     Outlines,
     check_polygon,
-    points_of,
-    polygon_parts,
     prepared,
     read_outlines_file,
     simple_rings,
@@ -148,7 +146,7 @@ class SurveyArea(DataObject):
             The projected CRS to work in.
         layer : str or int, optional
             The layer; the only one with polygons by default.
-        select : sequence of str
+        select : str or sequence of str
             Which polygons: names, or ``COLUMN=VALUE`` such as ``RGIId=RGI60-11.00897``; ``*`` stands for any
             letters. No-go zones and starts are always read.
 
@@ -185,10 +183,8 @@ class SurveyArea(DataObject):
         if not by_role["area"]:
             raise InputError("there is no polygon to survey; draw one and save it again.")
         outline = simplified(by_role["area"][0], outlines.where)
-        no_go = tuple(part for shape in by_role["no-go"] for part in polygon_parts(shape, "a no-go zone"))
-        starts = [(p.x, p.y) for shape in by_role["start"] for p in points_of(shape)]
-        places = np.array(starts, dtype=np.float64).reshape(-1, 2)
-        return cls(outline, outlines.features.crs, no_go, places)
+        starts = shapely.get_coordinates(by_role["start"])
+        return cls(outline, outlines.features.crs, tuple(by_role["no-go"]), starts)
 
     def write(self, path: str | Path) -> None:
         """Write outline, no-go zones and starts with a ``role`` column.

@@ -82,6 +82,7 @@ class Outlines(NamedTuple):
 
         `select`: a name, or ``COLUMN=VALUE``; ``*`` stands for any letters.
         """
+        select = (select,) if isinstance(select, str) else select
         found = np.array([self._matching(wanted) for wanted in select]).reshape(-1, len(self.roles))
         for wanted, row in zip(select, found, strict=True):
             if not (row & self.is_area).any():
@@ -244,45 +245,38 @@ def _simple_part(polygon: Polygon) -> Polygon | MultiPolygon:
 
 def prepared(outlines: Outlines, crs: Any) -> Outlines:
     """Return checked outlines in the named CRS, else in their own (`in_crs`): the area as one shape, then the others."""
-    features, roles, where = outlines
-    features = with_simple_rings(features)
+    features = with_simple_rings(outlines.features)
     refuse_nested(features)
-    areas = [
-        part
-        for number, (shape, role) in enumerate(zip(features.geometry, roles, strict=True), start=1)
-        if role == "area"
-        for part in polygon_parts(shape, f"feature {number}")
-    ]
-    others = [k for k, role in enumerate(roles) if role != "area"]
-    joined = [unite(areas, features.crs)] if areas else []
-    shapes = np.array([*joined, *features.geometry[others]], dtype=object)
-    return Outlines(
-        in_crs(Features(shapes, {}, features.crs), crs, where),
-        ["area"] * len(joined) + [roles[k] for k in others],
-        where,
-    )
+    by_role: dict[str, list[Any]] = {role: [] for role in ROLES}
+    for number, (shape, role) in enumerate(zip(features.geometry, outlines.roles, strict=True), start=1):
+        by_role[role] += (points_of if role == "start" else polygon_parts)(shape, f"feature {number}")
+    _require_crs(features, outlines.where)
+    areas = [unite(by_role["area"], features.crs)] if by_role["area"] else []
+    shapes = np.array([*areas, *by_role["no-go"], *by_role["start"]], dtype=object)
+    roles = ["area"] * len(areas) + ["no-go"] * len(by_role["no-go"]) + ["start"] * len(by_role["start"])
+    return Outlines(in_crs(Features(shapes, {}, features.crs), crs, outlines.where), roles, outlines.where)
+
+
+def _require_crs(features: Features, where: str) -> None:
+    if features.crs is None:
+        raise InputError(
+            f"{where} carries no coordinate reference system; save it with one (a Shapefile has it in the .prj beside it)."
+        )
 
 
 def in_crs(features: Features, crs: Any, where: str) -> Features:
     """Return the features in the named CRS, else in their own; degrees are projected, and the log states it."""
-    if features.crs is not None and not is_local(features.crs):
+    _require_crs(features, where)
+    if not is_local(features.crs):
         _refuse_misplaced(features, known_crs(features.crs, where), where)
-    places = shapely.get_coordinates(features.geometry)
-    if len(places) == 0:
-        raise InputError(
-            f"{where} holds empty shapes alone; close each ring (its last place is its first one) or draw it again."
-        )
     if crs is None and is_geographic(features.crs):
+        places = shapely.get_coordinates(features.geometry)
         crs = chosen_crs(places[:, 0], places[:, 1], features.crs)
-        logging.getLogger(__name__).warning(
+        logger.warning(
             "%s is in degrees (%s); it is projected to %s.",
             where,
             known_crs(features.crs, where).name,
             crs.name,
-        )
-    if features.crs is None:
-        raise InputError(
-            f"{where} carries no coordinate reference system; save it with one (a Shapefile has it in the .prj beside it)."
         )
     if crs is None:
         return features._replace(crs=projected_crs(features.crs, where))
@@ -300,16 +294,24 @@ def _refuse_misplaced(features: Features, crs: CRS, where: str) -> None:
 
 def polygon_parts(shape: Any, what: str) -> list[Polygon]:
     """Return the polygons of a shape, without heights."""
-    if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
-        kind = "no shape" if shape is None else f"a {shape.geom_type}"
-        raise InputError(f"{what} is {kind}; a polygon was expected, close the line and save it as one.")
-    return [shapely.force_2d(part) for part in shapely.get_parts(shape)]
+    if shape is None:
+        raise InputError(f"{what} has no shape that can be read; delete it, or draw it as a polygon.")
+    if not isinstance(shape, Polygon | MultiPolygon):
+        raise InputError(
+            f"{what} is a {shape.geom_type}; a polygon was expected, close the line and save it as one."
+        )
+    parts = [shapely.force_2d(part) for part in shapely.get_parts(shape)]
+    if not parts or any(part.is_empty for part in parts):
+        raise InputError(
+            f"{what} is an empty polygon; close each ring (its last place is its first one) or draw it again."
+        )
+    return parts
 
 
-def points_of(shape: Any) -> list[Point]:
+def points_of(shape: Any, what: str) -> list[Point]:
     """Return the points of a start."""
     if shape is None or shape.geom_type not in ("Point", "MultiPoint"):
-        raise InputError("a start is no point; draw it as a point.")
+        raise InputError(f"{what} is a start and no point; draw it as a point.")
     return list(shapely.get_parts(shape))
 
 
@@ -406,7 +408,7 @@ _SIMPLER_M = (0.1, 0.2, 0.5)
 def check_polygon(polygon: Any, what: str) -> None:
     """Refuse a polygon that is empty, not simple, without an area, or not on Earth."""
     if not isinstance(polygon, Polygon | MultiPolygon):
-        raise InputError(f"{what} is a {type(polygon).__name__}; a polygon was expected.")
+        raise InputError(f"{what} is a {getattr(polygon, 'geom_type', 'value')}; a polygon was expected.")
     if polygon.is_empty:
         raise InputError(f"{what} is an empty polygon; draw at least three corners.")
     if not np.isfinite(frozen(shapely.get_coordinates(polygon))).all():

@@ -23,6 +23,8 @@ from survey.core.transformation import WGS84, coded_crs, transformed
 from survey.io.dataset_files import companion_files, stale_files
 from survey.io.file_kinds import OFFLINE, check_vector_file, kml_document
 
+logger = logging.getLogger(__name__)
+
 _GDAL_OPTIONS = {
     **OFFLINE,
     # GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
@@ -132,6 +134,12 @@ def read_features(
     """Read all features of a layer."""
     file = existing_file(path, what)
     n_stated = check_vector_file(file, what)
+    if file.suffix.lower() == ".shp" and not any(
+        beside.suffix.lower() == ".dbf" for beside in companion_files(file)
+    ):
+        logger.warning(
+            "%s %s has no .dbf beside it; names and roles of its features are missing.", what, file
+        )
     with _gdal_of(file, what) as (gdal, source):
         if layer is None:
             _refuse_several_layers(gdal, source, file, what)
@@ -147,7 +155,7 @@ def read_features(
         shapes = shapely.from_wkb(geometry)
     except shapely.errors.GEOSException as error:
         raise InputError(
-            f"{what} {file} holds a geometry that cannot be built ({first_line(error)}); correct it in a GIS."
+            f"{what} {file} holds a shape that cannot be built ({first_line(error).rpartition(': ')[2]}); correct it in a GIS."
         ) from error
     shapes, attributes = np.asarray(shapes, dtype=object), dict(zip(meta["fields"], columns, strict=True))
     if SURVEY_CRS in attributes:
@@ -180,7 +188,7 @@ def polygon_layer(path: str | Path, *, what: str = "the vector file") -> str | N
     found = [name for name in names if "Polygon" in _types_in(path, name, what)]
     if len(found) != 1:
         return None
-    logging.getLogger(__name__).warning(
+    logger.warning(
         "%s %s has %d layers; the one with polygons, %s, is read.",
         what,
         path,
