@@ -164,6 +164,8 @@ class AreaConfig(Section):
     def _one_of_two(self) -> "AreaConfig":
         if self.file is not None and self.bounds_m is not None:
             raise ValueError("area.file and area.bounds_m exclude one another, give one of them")
+        if self.select and self.file is None:
+            raise ValueError("area.select chooses outlines of area.file, name the file")
         return self
 
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from survey.data.outlines import MOST_CORNERS
 from desk.workspace import open_workspace
+from survey.data.outlines import MOST_CORNERS
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
 
