@@ -6,7 +6,6 @@ QGroundControl or from a file ``QGC WPL 110``. `require_storable` refuses what a
 anything is sent.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,6 +16,7 @@ import numpy as np
 
 from live.link import ARDUPILOT, PX4
 from survey import InputError, Route
+from survey.core import parse_json
 from survey.interchange.missions import NAV_WAYPOINT, MissionItem, Surroundings, fence_polygons, mission_items
 
 MISSION, FENCE = 0, 1
@@ -218,7 +218,7 @@ class AutopilotMission:
             mission = reader(path.read_text(encoding="utf-8"))
         except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
             raise InputError(
-                f"the mission {path} is damaged or not of the format of its ending ({error}); save it again."
+                f"the mission {path} is damaged or not of the format of its ending ({error.__cause__ or error}); save it again."
             ) from error
         if not any(LinkItem.of(item).is_waypoint for item in mission.items):
             raise InputError(
@@ -257,7 +257,7 @@ def _circle(circle: dict[str, Any]) -> MissionItem:
 
 
 def _read_qgc_plan(text: str) -> AutopilotMission:
-    plan = json.loads(text)
+    plan = parse_json(text, "it")
     fence = plan.get("geoFence", {})
     polygons = [_polygon(one["polygon"], one["inclusion"]) for one in fence.get("polygons", [])]
     circles = [_circle(one) for one in fence.get("circles", [])]

@@ -17,6 +17,7 @@ from live.watch.samples import Sample
 from live.watch.survey_watch import Event, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
 from survey import InputError, Leg, SurveyArea
+from survey.core import parse_json
 
 VERSION = 1
 
@@ -101,10 +102,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
     """Read the complete lines of a log: one object each, the first one the heading."""
     entries: list[dict[str, Any]] = []
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1], 1):
-        try:
-            entry = json.loads(line)
-        except ValueError:
-            entry = None
+        entry = parse_json(line, f"{path}, line {number}", "name a log of firnline watch")
         if not isinstance(entry, dict):
             raise InputError(f"{path}, line {number}: no JSON object; name a log of firnline watch.")
         entries.append(entry)
