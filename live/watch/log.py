@@ -17,7 +17,7 @@ from live.watch.samples import Sample
 from live.watch.survey_watch import Event, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
 from survey import InputError, Leg, SurveyArea
-from survey.core import parse_json
+from survey.core import parse_json, refusing_damage
 
 VERSION = 1
 
@@ -88,12 +88,8 @@ def replayed_states(path: Path) -> Iterator[tuple[SurveyWatch, dict[str, Any]]]:
         if "in" not in entry:
             continue
         yield watch, entry
-        try:
+        with refusing_damage(f"{path}, line {number},", "input of a watch", "name another file"):
             events = entered(watch, entry)
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{path}, line {number}: no input of a watch ({error}); name another file."
-            ) from error
         for event in events:
             yield watch, event
 
@@ -117,9 +113,5 @@ def _watch_of_file(path: Path, heading: dict[str, Any]) -> SurveyWatch:
         raise InputError(
             f"{path}, line 1: 'firnline_watch': {VERSION} was expected; name a log of firnline watch of this version."
         )
-    try:
+    with refusing_damage(f"{path}, line 1,", "survey", "name another file"):
         return watch_of(heading)
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"{path}, line 1: the survey cannot be read ({error}); name another file."
-        ) from error

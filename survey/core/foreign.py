@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from survey.core.errors import CapacityError, FirnlineError, InputError
-from survey.core.files import first_line, warnings_logged
+from survey.core.files import first_line
 
 _MOST_LEVELS = 100
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 _TEXTS = re.compile(rb'"(?:[^"\\]|\\.)*"', re.DOTALL)
+_LONGEST_REASON = 300  # characters
 _TOO_MANY_FILES = (errno.EMFILE, errno.ENFILE)
 
 
@@ -68,7 +69,7 @@ def _balance(content: bytes) -> int:
 
 @contextmanager
 def refusing_damage(where: str, kind: str, remedy: str = "get it again") -> Iterator[None]:
-    """Refuse a file over which a library raises anything; refusals pass as they are, and warnings go to the log.
+    """Refuse a file over which a library raises anything; refusals pass as they are.
 
     `where`: begins the sentence. `kind`: what was expected. `remedy`: ends the sentence.
 
@@ -79,8 +80,7 @@ def refusing_damage(where: str, kind: str, remedy: str = "get it again") -> Iter
     survey.core.errors.InputError: the log a.ulg is damaged or no log of PX4 (it lacks 'GPS'); get it again.
     """
     try:
-        with warnings_logged():
-            yield
+        yield
     except FirnlineError:
         raise
     except Exception as error:
@@ -96,9 +96,10 @@ def _refusal(error: BaseException, where: str, kind: str, remedy: str) -> InputE
     logging.getLogger(__name__).debug("%s", where, exc_info=error)
     if isinstance(error, MemoryError):
         return CapacityError(
-            f"{where} does not fit the memory ({first_line(error)}); read a part of it, or allow more (ulimit -v)."
+            f"{where} does not fit the memory ({first_line(error)}); cut or thin it first, or allow more (ulimit -v)."
         )
     if isinstance(error, OSError) and error.errno in _TOO_MANY_FILES:
         return CapacityError(f"{where} cannot be opened ({error.strerror}); allow more (ulimit -n 4096).")
-    reason = f"it lacks {error}" if isinstance(error, KeyError) else first_line(error)
+    words = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+    reason = f"it lacks {words}" if isinstance(error, KeyError) else first_line(words)
     return InputError(f"{where} is damaged or no {kind} ({reason}); {remedy}.")

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file
-from survey.io.ply import PlyError, read_vertices
-from survey.io.point_table import damaged_points
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file, refusing_damage
+from survey.io.ply import read_vertices
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
 _STRIP = ("point_source_id", "PointSourceId", "strip")
@@ -51,10 +50,8 @@ def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnC
 
 
 def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
-    try:
+    with refusing_damage(f"the point file {file}", "PLY"):
         return read_vertices(file)
-    except (PlyError, MemoryError) as error:
-        raise damaged_points(file, "PLY", error) from error
 
 
 def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
@@ -89,13 +86,10 @@ def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[Col
 
 
 def _opened_parquet(file: Path) -> Any:
-    import pyarrow
     from pyarrow import parquet
 
-    try:
+    with refusing_damage(f"the point file {file}", "Parquet"):
         opened: Any = parquet.ParquetFile(file)
-    except (pyarrow.ArrowException, OSError) as error:
-        raise damaged_points(file, "Parquet", error) from error
     return opened
 
 

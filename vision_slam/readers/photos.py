@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from survey import Camera, InputError
-from survey.core import FloatArray, first_line
+from survey.core import FloatArray, refusing_damage
 from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 
 _STAMP = re.compile(
@@ -143,20 +143,12 @@ def read_photo(file: Path) -> Photo:
     """Read the header of an image file."""
     from PIL import Image
 
-    try:
-        with Image.open(file) as image:
-            width, height = image.size
-            exif = image.getexif()
+    with refusing_damage(str(file), "image that can be read"), Image.open(file) as image:
+        width, height = image.size
+        exif = image.getexif()
+        with refusing_damage(f"the EXIF of {file}", "EXIF", "strip it and add frames.csv"):
             inner, gps = dict(exif.get_ifd(_EXIF_FOLDER)), dict(exif.get_ifd(_GPS_FOLDER))
             return _photo(file, width, height, {**dict(exif), **inner}, gps)
-    except (OSError, Image.DecompressionBombError) as error:
-        raise InputError(
-            f"{file} is no image that can be read ({first_line(error)}); it may be cut off, get it again."
-        ) from error
-    except (ValueError, TypeError, KeyError, SyntaxError, ZeroDivisionError, OverflowError) as error:
-        raise InputError(
-            f"{file} has damaged EXIF ({first_line(error)}); get it again, or strip the EXIF and add frames.csv."
-        ) from error
 
 
 def _photo(file: Path, width: int, height: int, tags: dict[int, Any], gps: dict[int, Any]) -> Photo:

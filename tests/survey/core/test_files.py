@@ -15,7 +15,6 @@ from pyproj import CRS
 from survey import Dem, Grid, InputError
 from survey.core.documents import read_json, write_json
 from survey.core.files import existing_file, finish_exchange, replacing, unwritable
-from survey.core.foreign import parse_json
 from survey.io.vector import read_features, write_features
 
 UTM = "EPSG:32608"
@@ -144,25 +143,6 @@ def test_names_that_are_no_utf_8_are_read_and_written(tmp_path: Path) -> None:
     raster.write_bytes(b"II*\0")
     with pytest.raises(InputError):
         Dem.read(raster)
-
-
-def test_json_is_refused_where_two_programs_would_read_it_differently() -> None:
-    refused = {
-        "twice": '{"a": {"crs": 1, "crs": 2}}',
-        "deeper than 100": "[" * 101 + "]" * 101,
-        "no JSON": b"\xff\xfe{}",
-        "digits": '{"a": ' + "1" * 5000 + "}",
-    }
-    for words, text in refused.items():
-        with pytest.raises(InputError, match=f"^the plan.*{words}.*; save it again.$"):
-            parse_json(text, "the plan a.plan", "save it again")
-
-
-def test_json_of_other_programs_is_read() -> None:
-    brackets = "[" * 200
-    assert parse_json(b'\xef\xbb\xbf{"a": "' + brackets.encode() + b'\\""}', "it") == {"a": brackets + '"'}
-    assert parse_json("[" * 100 + "]" * 100, "it")
-    assert parse_json('{"a": {"x": 1}, "b": {"x": Infinity}}', "it")["b"] == {"x": float("inf")}
 
 
 def test_documents_that_are_damaged_are_refused(tmp_path: Path) -> None:

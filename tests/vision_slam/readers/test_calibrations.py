@@ -91,9 +91,10 @@ def test_an_equidistant_lens_is_a_fisheye(tmp_path: Path) -> None:
         (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "camera model is 'omni'"),
         (KALIBR.replace("radtan", "fov"), "lens model is 'fov'"),
         (ROS.replace("0.002, 0]", "0.002, 0, 0.3, 0.1, 0.2]"), "8 coefficients of distortion"),
-        (ROS.replace("image_width: 640\n", ""), "no complete calibration"),
+        (ROS.replace("image_width: 640\n", ""), "or no complete one .it lacks 'image_width'"),
         ("a: 1\n", "no calibration of ROS, OpenCV, Kalibr or ORB-SLAM"),
-        ("a: [1\n", "not valid YAML"),
+        ("a: [1\n", "no valid YAML .*line 2"),
+        ("[" * 5000, "no valid YAML .*recursion"),
         ("3\n", "holds no keys"),
     ],
 )

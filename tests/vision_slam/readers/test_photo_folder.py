@@ -210,7 +210,7 @@ def test_a_damaged_date_is_refused_in_one_sentence(tmp_path):
     header = Image.Exif()
     header.get_ifd(0x8769)[36867] = "2024-99-12 12"
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.jpg", exif=header)
-    with pytest.raises(InputError, match="damaged EXIF"):
+    with pytest.raises(InputError, match=r"the EXIF of .*a.jpg is damaged .* strip it"):
         read_sequence(tmp_path)
 
 
