@@ -11,6 +11,7 @@ import logging
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ _MOST_LEVELS = 100
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 _TEXTS = re.compile(rb'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _LONGEST_REASON = 300  # characters
-_TOO_MANY_FILES = (errno.EMFILE, errno.ENFILE)
+_LITTLE_BYTES = 2**28  # more than the largest library that is loaded
 
 
 def parse_json(content: bytes | str, where: str, remedy: str = "get it again") -> Any:
@@ -67,6 +68,36 @@ def _balance(content: bytes) -> int:
     return int(np.cumsum(np.where((codes == ord("[")) | (codes == ord("{")), 1, -1)).max(initial=0))
 
 
+def limit_reached(error: BaseException) -> str | None:
+    """Return in words which limit of this process a fault comes from, and how to raise it; None for other faults.
+
+    >>> limit_reached(OSError(errno.EMFILE, "Too many open files"))
+    'too many files are open; allow more (ulimit -n 4096)'
+    """
+    at: BaseException | None = error
+    while at is not None:
+        number = at.errno if isinstance(at, OSError) else None
+        if number in (errno.EMFILE, errno.ENFILE):
+            return "too many files are open; allow more (ulimit -n 4096)"
+        if isinstance(at, MemoryError) or number == errno.ENOMEM or _memory_is_short():
+            detail = f" ({first_line(at)})" if str(at) else ""
+            return f"the memory does not suffice{detail}; allow more (ulimit -v unlimited)"
+        at = at.__cause__ or at.__context__
+    return None
+
+
+def _memory_is_short() -> bool:
+    """Return whether this process has used up a limit of its addresses, over which libraries fail in many ways."""
+    try:
+        import resource  # not on every system
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        pages = int(Path("/proc/self/statm").read_bytes().split()[0])
+    except (ImportError, OSError):
+        return False
+    return limit != resource.RLIM_INFINITY and limit - pages * resource.getpagesize() < _LITTLE_BYTES
+
+
 @contextmanager
 def refusing_damage(where: str, kind: str, remedy: str = "get it again") -> Iterator[None]:
     """Refuse a file over which a library raises anything; refusals pass as they are.
@@ -94,12 +125,9 @@ def refusing_damage(where: str, kind: str, remedy: str = "get it again") -> Iter
 
 def _refusal(error: BaseException, where: str, kind: str, remedy: str) -> InputError:
     logging.getLogger(__name__).debug("%s", where, exc_info=error)
-    if isinstance(error, MemoryError):
-        return CapacityError(
-            f"{where} does not fit the memory ({first_line(error)}); cut or thin it first, or allow more (ulimit -v)."
-        )
-    if isinstance(error, OSError) and error.errno in _TOO_MANY_FILES:
-        return CapacityError(f"{where} cannot be opened ({error.strerror}); allow more (ulimit -n 4096).")
+    limit = limit_reached(error)
+    if limit is not None:
+        return CapacityError(f"{where} cannot be read: {limit}, or cut or thin it first.")
     words = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
     reason = f"it lacks {words}" if isinstance(error, KeyError) else first_line(words)
     return InputError(f"{where} is damaged or no {kind} ({reason}); {remedy}.")

@@ -44,8 +44,8 @@ class PanicException(BaseException):
         (RecursionError("too deep"), InputError, "too deep"),
         (PanicException("unwrap"), InputError, "unwrap"),
         (ValueError("first\n  second"), InputError, r"\(first second\)"),
-        (MemoryError(), CapacityError, "does not fit the memory .*ulimit -v"),
-        (OSError(errno.EMFILE, "Too many open files"), CapacityError, "cannot be opened .*ulimit -n"),
+        (MemoryError(), CapacityError, "cannot be read: the memory does not suffice; .*ulimit -v"),
+        (OSError(errno.EMFILE, "Too many open files"), CapacityError, "cannot be read: too many files are open; .*ulimit -n"),
         (ConfigError("as it is."), ConfigError, "^as it is.$"),
     ],
 )
