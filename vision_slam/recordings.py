@@ -34,6 +34,7 @@ from vision_slam.readers.gps_files import read_gps
 from vision_slam.readers.images import (
     assemble_sequence,
     image_files,
+    is_jpeg,
     read_numbers,
     refuse_cut_off_image,
     refuse_other_sizes,
@@ -388,11 +389,13 @@ def read_images(
         times = _at_rate(inner, files, frame_rate_hz)
     camera, camera_note = _camera_of_folder(place, files, photos, camera)
     sequence = assemble_sequence(camera, times.time_s, [files[index] for index in times.order])
-    fixes = photo_fixes(photos, times) if photos else None
+    if not photos and all(map(is_jpeg, files)):
+        photos = checked_photos(files)
+    fixes, left_out = photo_fixes(photos, times) if photos else (None, ())
     return replace(
         sequence,
         gps=None if fixes is None else GpsLog(**fixes._asdict()).without_zero_places(str(inner)),
-        notes=tuple(note for note in (times.note, camera_note, *sequence.notes) if note),
+        notes=tuple(note for note in (times.note, camera_note, *sequence.notes, *left_out) if note),
     )
 
 
