@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from survey.core import ConfigError, FloatArray, InputError, existing_file, first_line, printable
+from survey.core.time_units import PER_SECOND, declared_unit, plain_unit
 from survey.io.column_names import (
     OWN_NAMES,
     ColumnNames,
@@ -156,8 +157,6 @@ _READERS: dict[str, Callable[[Path], GpsLog]] = {
 
 
 KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
-# Unix times beyond these count nano-, micro- and milliseconds.
-_UNIX_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 _RADII = ("acc",)  # accuracy, hAcc
 _CLOCK = re.compile(r"\d{1,2}:\d{2}:")
 _DAY_FIRST = re.compile(r"^(\d{2})\.(\d{2})\.(\d{4})\b")
@@ -176,7 +175,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     table = table._replace(header=rename_header(table.header, given, table.where))
     names = _column_names(table)
     date = _date_column(table, names["time"])
-    time_s, unit = _column_of_times(table, names["time"], date)
+    time_s, unit = _column_of_times(table, names["time"], given.get("time_s", names["time"]), date)
     is_geodetic = "longitude" in names
     first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
     kinds = (first, second, "height")
@@ -265,15 +264,16 @@ def _date_column(table: TextTable, name: str) -> str | None:
     return one_column("date", table.header, table.where) if _CLOCK.match(table.texts(name)[0]) else None
 
 
-def _column_of_times(table: TextTable, name: str, date: str | None) -> tuple[FloatArray, str]:
-    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds."""
+def _column_of_times(table: TextTable, name: str, given: str, date: str | None) -> tuple[FloatArray, str]:
+    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds.
+
+    `given`: its name in the file, which may state a unit.
+    """
     if table.is_number(name, 0):
         numbers = table.numbers(name)
         refuse_clock_numbers(numbers, f"{table.where}, column {name}")
-        for least, factor, word in _UNIX_UNITS:
-            if numbers[0] > least:
-                return factor * numbers, f", times are Unix {word}"
-        return numbers, ""
+        unit = declared_unit(given) or plain_unit(numbers)
+        return (numbers, "") if unit is None else (numbers / PER_SECOND[unit], f", times are {unit}")
     days = ("",) * len(table.rows) if date is None else table.texts(date)
     return _column_of_dates(table, name, days), ", times are dates"
 

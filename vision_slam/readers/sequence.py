@@ -15,6 +15,7 @@ from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
 from survey.core import UNSTATED, BoolArray, FloatArray, IntArray, checked, projected_crs
+from survey.core.time_units import refuse_other_unit
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.frames import Frames
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
@@ -63,6 +64,7 @@ def usable(
     bad = np.flatnonzero(~np.isfinite(time_s))
     if len(bad):
         raise InputError(f"{where}: the time of fix {bad[0] + 1} is no finite number; correct or remove it.")
+    refuse_other_unit(time_s, f"{where}: the times of the fixes")
     values = place if sigma_m is None else np.column_stack([place, sigma_m])
     stays: BoolArray = np.asarray(np.isfinite(values).all(axis=1), dtype=np.bool_)
     n_not_finite = int((~stays).sum())
