@@ -18,6 +18,7 @@ from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
 from survey.core import FloatArray
+from survey.data.camera import off_centre_note
 from survey.data.frames import Frames, ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.bags import is_bag, read_bag
@@ -90,7 +91,7 @@ def open_recording(
         raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
     lens, lens_notes = (None, ()) if camera is None else read_calibration(camera)
     sequence = _read_images(place, topics, lens, frame_rate_hz)
-    sequence = replace(sequence, notes=(*lens_notes, *sequence.notes))
+    sequence = replace(sequence, notes=(*lens_notes, *_lens_notes(sequence.camera), *sequence.notes))
     if scale_from_m is not None:
         sequence = scale_by_reference(sequence, scale_from_m)
     log = sequence.gps if gps is None else read_gps(gps, columns)
@@ -142,7 +143,12 @@ def _firnline_recording(place: Path) -> RecordedDrive:
             refuse_cut_off_image(file)
         refuse_other_sizes(frames.images.files, camera)
     _refuse_other_units(recording, place)
-    return RecordedDrive(recording)
+    return RecordedDrive(recording, _lens_notes(camera))
+
+
+def _lens_notes(camera: Camera | None) -> tuple[str, ...]:
+    note = None if camera is None else off_centre_note(camera)
+    return () if note is None else (note,)
 
 
 def _refuse_other_units(records: VisionRecords, place: Path) -> None:
