@@ -216,7 +216,8 @@ class AutopilotMission:
         reader = _read_wpl if path.suffix.lower() == ".waypoints" else _read_qgc_plan
         with refusing_damage(f"the mission {path}", "mission of the format of its suffix", "save it again"):
             mission = reader(path.read_bytes(), f"the mission {path}")
-        if not any(LinkItem.of(item).is_waypoint for item in mission.items):
+            are_waypoints = [LinkItem.of(item).is_waypoint for item in mission.items]
+        if not any(are_waypoints):
             raise InputError(
                 f"the mission {path} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
             )
@@ -261,6 +262,9 @@ def _read_qgc_plan(content: bytes, where: str) -> AutopilotMission:
     return AutopilotMission(tuple(items), tuple([item for one in polygons for item in one] + circles))
 
 
+_N_PARAMS = 7
+
+
 def _simple_items(items: list[dict[str, Any]]) -> list[MissionItem]:
     """Return the commands, those inside survey patterns included."""
     found: list[MissionItem] = []
@@ -268,7 +272,14 @@ def _simple_items(items: list[dict[str, Any]]) -> list[MissionItem]:
         if "TransectStyleComplexItem" in item:
             found += _simple_items(item["TransectStyleComplexItem"]["Items"])
         else:
-            found.append(MissionItem(item["command"], item["frame"], tuple(item["params"])))
+            # Older files have the place apart from the four other numbers.
+            apart = item.get("coordinate")
+            params = tuple(item["params"]) if apart is None else (*item["params"][:4], *apart)
+            if len(params) != _N_PARAMS:
+                raise ValueError(
+                    f"the item of command {item['command']} has {len(params)} numbers, not {_N_PARAMS}"
+                )
+            found.append(MissionItem(item["command"], item["frame"], params))
     return found
 
 
