@@ -25,6 +25,7 @@ from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import FORWARD, calibrated_camera, read_calibration
 from vision_slam.readers.datasets import (
     KITTI_IMAGES,
+    RAW_CAMERAS,
     raw_camera_folder,
     read_euroc_sequence,
     read_kitti_raw,
@@ -293,7 +294,7 @@ def read_sequence(
         _refuse_rate(place)
     layout = _named_layout(place, camera) if frame_rate_hz is None else None
     if layout is not None:
-        return layout
+        return replace(layout, notes=(*layout.notes, *_unread_folders(place)))
     for inner in (place, place / "images"):
         files = image_files(inner)
         if files:
@@ -303,6 +304,24 @@ def read_sequence(
         f"{place} has no layout that is known (KITTI calib.txt or image_00/data, TUM rgb.txt, EuRoC cam0/data.csv, "
         "or images with times and camera.toml); add frames.csv with the columns time_s,file."
     )
+
+
+# Folders of the layouts: those that are read, and the name of any of a kind.
+_FOLDERS = (
+    ("image_*", (*KITTI_IMAGES, *RAW_CAMERAS)), ("cam?", ("cam0",)), ("imu?", ("imu0",)), ("leica?", ()),
+    ("vicon?", ()), ("velodyne*", ()), ("depth", ()),
+)  # fmt: skip
+
+
+def _unread_folders(place: Path) -> tuple[str, ...]:
+    """Return a note of the folders of a layout that hold other cameras and sensors."""
+    unread: list[str] = []
+    for inner in (place, place / "mav0"):
+        for pattern, read in _FOLDERS:
+            found = sorted(folder.name for folder in inner.glob(pattern) if folder.is_dir())
+            taken = next((name for name in read if name in found), None)
+            unread += [name for name in found if name != taken]
+    return (f"not read: {', '.join(unread)}",) if unread else ()
 
 
 def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:

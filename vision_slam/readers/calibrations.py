@@ -1,5 +1,6 @@
 """Calibrations of cameras: camera.toml, and the YAML files of ROS, OpenCV, Kalibr and ORB-SLAM."""
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from vision_slam.readers.images import read_text
 
 # Where x right, y down, z forward lie on a body with x forward, y left, z up.
 FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+_CAMERA = re.compile(r"cam\d+")
 _FISHEYE = {"equidistant", "fisheye", "kannalabrandt8"}
 _PINHOLE = {"plumb_bob", "radtan", "radial-tangential", "rational_polynomial", "pinhole", "none", ""}
 
@@ -48,7 +50,9 @@ def read_calibration(path: str | Path) -> tuple[Camera, tuple[str, ...]]:
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     note = f"{file.name}: the camera is taken to look straight ahead; its place on the body is not read from YAML"
-    return camera, (note,)
+    others = sorted(key for key in given if _CAMERA.fullmatch(key) and key != "cam0")
+    unread = (f"{file.name}: the first camera is taken, not {', '.join(others)}",) if others else ()
+    return camera, (note, *unread)
 
 
 def calibrated_camera(place: Path) -> Camera:

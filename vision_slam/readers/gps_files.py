@@ -97,7 +97,9 @@ def _kind_of(file: Path) -> str:
 
 def _from_gpx(file: Path) -> GpsLog:
     unix_s, place = read_gpx(file, WGS84)
-    return GpsLog(unix_s, place, is_dated=True)
+    n_apart = len(_APART.findall(file.read_bytes()))
+    notes = (f"{n_apart} points of {file} that stand outside of its tracks (wpt, rtept) are not read",)
+    return GpsLog(unix_s, place, is_dated=True, notes=notes if n_apart else ())
 
 
 def _from_positions(file: Path) -> GpsLog:
@@ -135,15 +137,18 @@ def _from_table(file: Path) -> GpsLog:
     table = read_table(file, names, what="the table of fixes")
     rows = np.column_stack([table[name] for name in names])
     sigma_m = table.get("sigma_m")
+    unread = [name for name in header if name not in (*names, "sigma_m")]
+    notes = (printable(f"{file}: columns that are not used: {', '.join(unread)}"),) if unread else ()
     if sigma_m is not None and not (sigma_m > 0.0).all():
         raise InputError(
             f"{file} holds a sigma_m that is not above 0; write the error of each fix in metres."
         )
     if names is _METRES:
-        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m)
-    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m)
+        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m, notes=notes)
+    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m, notes=notes)
 
 
+_APART = re.compile(rb"<(?:\w+:)?(?:wpt|rtept)[\s>]")
 _SNIFFED_BYTES, _SYNC_WITHIN = 65536, 4096
 _RTKLIB_LINE = re.compile(r"(\d{4}[/-]\d{2}[/-]\d{2}[ ,]+\d{1,2}:\d{2}:|\d{4}[ ,]+\d{1,6}\.\d+[ ,])")
 _READERS: dict[str, Callable[[Path], GpsLog]] = {

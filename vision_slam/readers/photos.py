@@ -106,7 +106,8 @@ _EXIF_FOLDER, _GPS_FOLDER = 0x8769, 0x8825
 _ORIENTATION, _FOCAL_MM, _FOCAL_35_MM = 274, 37386, 41989
 _PLANE_X, _PLANE_UNIT, _WIDTH = 41486, 41488, 40962
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
-_GPS_SIGMA = 31
+_GPS_SIGMA, _GPS_DATUM = 31, 18
+_DATUMS = ("", "WGS84", "WGS1984", "ETRS89", "UNKNOWN")
 _SIGNS = {1: {"N": 1.0, "S": -1.0}, 3: {"E": 1.0, "W": -1.0}}
 _ABOVE = {0: 1.0, 1: -1.0}  # the sea, by GPSAltitudeRef
 _MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG, _MOST_ALTITUDE_M = 90.0, 180.0, 1e4
@@ -234,11 +235,14 @@ def _gps_place(gps: dict[int, Any]) -> tuple[tuple[float, float, float] | None, 
     # Cameras that state no reference mean heights above the sea, as EXIF has it.
     reference = int.from_bytes(gps[5]) if isinstance(gps.get(5), bytes) else gps.get(5, 0)
     above = _ABOVE.get(reference, math.nan)
+    datum = str(gps.get(_GPS_DATUM, "")).strip("\0 ")
     on_earth = 0.0 <= latitude <= _MOST_LATITUDE_DEG and 0.0 <= longitude <= _MOST_LONGITUDE_DEG
     faults = {
         _NO_POSITION: not {2, 4, 6} & gps.keys(),
         "no latitude and longitude on the Earth": not on_earth,
         "no hemisphere (GPSLatitudeRef N or S, GPSLongitudeRef E or W)": math.isnan(north + east),
+        f"a position in the datum {datum[:40]!r}, not WGS 84": re.sub(r"[\W_]", "", datum.upper())
+        not in _DATUMS,
         "a position of 0° N 0° E, which means none": latitude == longitude == 0.0,  # phones before a fix
         "no altitude on the Earth": not abs(altitude_m) <= _MOST_ALTITUDE_M,
         "an altitude above something else than the sea": math.isnan(above),

@@ -274,7 +274,8 @@ def test_positions_that_cannot_be_used_are_named_where_none_is_left(tmp_path):
 def test_images_without_and_with_a_position_in_xmp_alone_are_named(tmp_path):
     for k in range(4):
         photo(tmp_path / f"{k}.jpg", second=k, gps=position(58.4 + 1e-4 * k, -134.6) if k < 2 else None)
-    pixels = Image.open(tmp_path / "3.jpg")
+    with Image.open(tmp_path / "3.jpg") as stored:
+        pixels = stored.copy()
     pixels.save(tmp_path / "3.jpg", exif=exif_of(3), xmp=b'<x:xmpmeta drone-dji:GpsLatitude="58.4"/>')
     notes = read_sequence(tmp_path).notes
     assert any("1 of 4 images state no position in EXIF" in note for note in notes)
