@@ -5,6 +5,7 @@ their strip (point source) where the file has it. PLY is mapped into memory, and
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,7 +60,11 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
     The CRS stands in the file's metadata under ``crs``; bounds come from the statistics of the row groups.
     """
-    table = _opened_parquet(file)
+    with _parquet(file) as table:
+        return _facts_of(table, file)
+
+
+def _facts_of(table: Any, file: Path) -> tuple[int, Bounds, Any]:
     axes = _axes(table.schema_arrow.names, file)
     spans = [_span(table, file, axis) for axis in axes[:2]]
     stated = (table.schema_arrow.metadata or {}).get(_CRS_KEY)
@@ -69,7 +74,11 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
 def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
     """Yield the rows of a Parquet file in chunks."""
-    table = _opened_parquet(file)
+    with _parquet(file) as table:
+        yield from _rows_of(table, file, first, n, at_once)
+
+
+def _rows_of(table: Any, file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
     names = table.schema_arrow.names
     axes = _axes(names, file)
     strip = [name for name in _STRIP if name in names][:1]
@@ -85,12 +94,13 @@ def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[Col
             return
 
 
-def _opened_parquet(file: Path) -> Any:
+@contextmanager
+def _parquet(file: Path) -> Iterator[Any]:
+    """Open a Parquet file, and refuse a damaged one in one sentence."""
     from pyarrow import parquet
 
-    with refusing_damage(f"the point file {file}", "Parquet"):
-        opened: Any = parquet.ParquetFile(file)
-    return opened
+    with refusing_damage(f"the point file {file}", "Parquet"), parquet.ParquetFile(file) as table:
+        yield table
 
 
 def _span(table: Any, file: Path, axis: str) -> tuple[float, float]:
