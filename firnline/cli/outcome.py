@@ -62,7 +62,7 @@ def run_guarded(run: Callable[[], None]) -> None:
         if isinstance(ending.__context__, BrokenPipeError):
             raise SystemExit(OUTPUT_CLOSED) from ending
         raise
-    except (OSError, KeyboardInterrupt) as error:
+    except (OSError, MemoryError, ImportError, KeyboardInterrupt) as error:
         try:
             _end(error)
         except typer.Exit as ending:
@@ -99,12 +99,11 @@ def _end(error: BaseException, *, has_verbose: bool = False) -> NoReturn:
 def _sentence(error: BaseException) -> str | None:
     """Return the sentence for what the system refuses; None for a fault of firnline."""
     from survey.core.files import NO_SPACE
+    from survey.core.foreign import limit_reached
 
-    if isinstance(error, MemoryError):
-        detail = f" ({error})" if str(error) else ""
-        return (
-            f"the memory does not suffice{detail}; take a smaller area or a coarser step, or fewer workers."
-        )
+    limit = limit_reached(error)
+    if limit is not None:
+        return f"{limit}, or take a smaller area or a coarser step, or fewer workers."
     if isinstance(error, UnicodeEncodeError):
         return f"the name {error.object[:80]!r} is not valid UTF-8; rename the file or folder."
     if isinstance(error, OSError):

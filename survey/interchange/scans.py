@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core import UNSTATED, FloatArray, InputError, checked, existing_file, same_vertical_datum
 from survey.core.crs import datum_of_file, vertical_datum_of
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.data.sensors.lidar import LidarScans, SensorScan, is_lidar_folder
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.bags import bag_clouds
@@ -319,9 +320,11 @@ def _times_s(path: Path) -> FloatArray:
         if path.name == _DATES:
             since = np.array(lines, dtype="datetime64[ns]").astype(np.int64)
             return np.asarray(1e-9 * since, dtype=np.float64)
-        return np.array([float(line) for line in lines])
+        times_s = np.array([float(line) for line in lines])
     except ValueError as error:
         expected = "one date and time" if path.name == _DATES else "one number"
         raise InputError(
             f"{path} holds something that is no time ({error}); {expected} in each line was expected."
         ) from error
+    refuse_other_unit(times_s, f"the times in {path}", LONGEST_STEP_S)
+    return times_s

@@ -12,6 +12,7 @@ from typing import NamedTuple, get_args
 
 from survey.core import UNSTATED, ConfigError, InputError, printable
 from survey.core.crs import ELLIPSOIDAL
+from survey.core.time_units import without_time_unit
 from survey.io.text_tables import Axis
 
 SPELLINGS: Mapping[str, tuple[str, ...]] = {
@@ -69,8 +70,7 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "time": (
         "time_s", "time", "t", "t_s", "timestamp", "timestamp_s", "time_stamp", "seconds", "elapsed_s",
         "utc_s", "unix_s", "unix_time", "epoch_s", "gps_time_s", "utc", "utc_time", "time_utc", "datetime",
-        "date_time", "datetime_utc", "iso_time", "gps_time", "time_ms", "timestamp_ms", "unix_ms",
-        "unix_time_ms", "unixtimemillis", "uhrzeit", "zeit", "datum_uhrzeit",
+        "date_time", "datetime_utc", "iso_time", "gps_time", "unix", "unixtime", "unixtimemillis", "epoch", "uhrzeit", "zeit", "datum_uhrzeit",
     ),
 }  # fmt: skip
 """Normalized names of columns by what they hold; `spelled` shows how a header is compared with them."""
@@ -126,7 +126,8 @@ def spelled(name: str, kind: str) -> bool:
     (True, True, False)
     """
     plain = normalize(without_unit(name))
-    return plain in SPELLINGS[kind] or without_metres(plain) in SPELLINGS[kind]
+    bare = without_time_unit(plain) if kind == "time" else without_metres(plain)
+    return plain in SPELLINGS[kind] or bare in SPELLINGS[kind]
 
 
 def axis_of(name: str) -> Axis | None:

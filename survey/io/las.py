@@ -13,9 +13,8 @@ import laspy
 import lazrs
 import numpy as np
 import numpy.typing as npt
-from pyproj.exceptions import CRSError
 
-from survey.core import UNSTATED, BoolArray, InputError, existing_file, replacing
+from survey.core import UNSTATED, BoolArray, InputError, existing_file, refusing_damage, replacing
 from survey.core.crs import vertical_datum_of
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.point_table import (
@@ -26,7 +25,6 @@ from survey.io.point_table import (
     add_column,
     check_claim,
     check_count,
-    damaged_points,
 )
 
 GROUND, NOISE = 2, (7, 18)
@@ -35,29 +33,16 @@ GROUND, NOISE = 2, (7, 18)
 _LAS_STEP_M = 1e-4
 _COARSE_STEP_M = 0.05
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
-_LAS_FAULTS = (
-    laspy.errors.LaspyException, lazrs.LazrsError, CRSError, ValueError, RuntimeError, struct.error,
-    OSError, MemoryError, ArithmeticError, KeyError, IndexError, TypeError,
-)  # fmt: skip
 
 
 @contextmanager
 def open_las(file: Path, **options: Any) -> Iterator[Any]:
     """Open an existing LAS or LAZ file whose header has been checked, and refuse a damaged one in one sentence."""
-    try:
+    with refusing_damage(f"the point file {file}", "LAS"):
         check_las_records(file)
         with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs, **options) as reader:
             check_las_points(file, reader.header)
             yield reader
-    except InputError:
-        raise
-    except _LAS_FAULTS as error:
-        raise damaged_points(file, "LAS", error) from error
-    except BaseException as error:
-        # The decompressor's Rust panics derive from no Exception and have no name to import.
-        if type(error).__name__ != "PanicException":
-            raise
-        raise damaged_points(file, "LAS", error) from error
 
 
 def read_las(path: Path) -> PointTable:

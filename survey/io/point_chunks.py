@@ -5,15 +5,15 @@ their strip (point source) where the file has it. PLY is mapped into memory, and
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file
-from survey.io.ply import PlyError, read_vertices
-from survey.io.point_table import damaged_points
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file, refusing_damage
+from survey.io.ply import read_vertices
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
 _STRIP = ("point_source_id", "PointSourceId", "strip")
@@ -51,10 +51,8 @@ def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnC
 
 
 def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
-    try:
+    with refusing_damage(f"the point file {file}", "PLY"):
         return read_vertices(file)
-    except (PlyError, MemoryError) as error:
-        raise damaged_points(file, "PLY", error) from error
 
 
 def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
@@ -62,7 +60,11 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
     The CRS stands in the file's metadata under ``crs``; bounds come from the statistics of the row groups.
     """
-    table = _opened_parquet(file)
+    with _parquet(file) as table:
+        return _facts_of(table, file)
+
+
+def _facts_of(table: Any, file: Path) -> tuple[int, Bounds, Any]:
     axes = _axes(table.schema_arrow.names, file)
     spans = [_span(table, file, axis) for axis in axes[:2]]
     stated = (table.schema_arrow.metadata or {}).get(_CRS_KEY)
@@ -72,7 +74,11 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
 def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
     """Yield the rows of a Parquet file in chunks."""
-    table = _opened_parquet(file)
+    with _parquet(file) as table:
+        yield from _rows_of(table, file, first, n, at_once)
+
+
+def _rows_of(table: Any, file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
     names = table.schema_arrow.names
     axes = _axes(names, file)
     strip = [name for name in _STRIP if name in names][:1]
@@ -88,15 +94,13 @@ def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[Col
             return
 
 
-def _opened_parquet(file: Path) -> Any:
-    import pyarrow
+@contextmanager
+def _parquet(file: Path) -> Iterator[Any]:
+    """Open a Parquet file, and refuse a damaged one in one sentence."""
     from pyarrow import parquet
 
-    try:
-        opened: Any = parquet.ParquetFile(file)
-    except (pyarrow.ArrowException, OSError) as error:
-        raise damaged_points(file, "Parquet", error) from error
-    return opened
+    with refusing_damage(f"the point file {file}", "Parquet"), parquet.ParquetFile(file) as table:
+        yield table
 
 
 def _span(table: Any, file: Path, axis: str) -> tuple[float, float]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core import UNSTATED, FloatArray, InputError, existing_file, replacing
+from survey.core import UNSTATED, FloatArray, InputError, existing_file, refusing_damage, replacing
 from survey.core.crs import crs_text, vertical_datum_of
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.column_names import (
@@ -42,7 +42,6 @@ from survey.io.point_table import (
     add_column,
     check_claim,
     check_count,
-    damaged_points,
     in_own_columns,
     place_columns,
 )
@@ -246,13 +245,11 @@ _COARSE_M = 0.01
 def read_ply(path: Path) -> PointTable:
     """Read a PLY file, and check its checksum where firnline wrote it."""
     file = existing_file(path, _WHAT)
-    try:
+    with refusing_damage(f"the point file {file}", "PLY"):
         for element in read_header(file).elements:
             check_claim(file, element.n_rows, 1)
             check_count(file, element.n_rows)
         vertices, comments = read_vertices(file)
-    except (PlyError, MemoryError) as error:
-        raise damaged_points(file, "PLY", error) from error
     names = vertices.dtype.names or ()
     missing = {"x", "y", "z"} - set(names)
     if missing:

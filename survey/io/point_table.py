@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pyproj import CRS
 
-from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError, first_line
+from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError
 from survey.core.transformation import WGS84
 from survey.io.column_names import SPELLINGS, normalize, without_metres
 
@@ -237,8 +237,3 @@ def check_claim(file: Path, n_points: int, point_bytes: int, ratio: int = 1) -> 
         raise InputError(
             f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
         )
-
-
-def damaged_points(file: Path, kind: str, error: BaseException) -> InputError:
-    """Return the refusal of a file that a library could not read."""
-    return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")

@@ -15,7 +15,15 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core import CapacityError, InputError, existing_file, first_line, printable, replacing
+from survey.core import (
+    CapacityError,
+    InputError,
+    existing_file,
+    first_line,
+    printable,
+    refusing_damage,
+    replacing,
+)
 from survey.core.files import unwritable, warnings_logged
 from survey.core.transformation import WGS84, coded_crs, transformed
 from survey.io.dataset_files import stale_files
@@ -202,15 +210,12 @@ def _types_in(path: str | Path, layer: str, what: str) -> set[str]:
 @contextmanager
 def _gdal_of(file: Path, what: str) -> Iterator[Any]:
     """Give GDAL's bindings; what they raise about the file becomes an `InputError`."""
-    try:
-        with gdal_bindings() as gdal, warnings_logged():
-            yield gdal
-    except InputError:
-        raise
-    except pyogrio_errors() as error:
-        raise InputError(
-            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
-        ) from error
+    with (
+        refusing_damage(f"{what} {file}", "vector file that GDAL can read"),
+        gdal_bindings() as gdal,
+        warnings_logged(),
+    ):
+        yield gdal
 
 
 def _source(file: Path, what: str) -> Path | bytes:

@@ -21,7 +21,8 @@ from pyproj.exceptions import CRSError
 
 from survey.core.crs import equal_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import DamagedError, first_line, warnings_logged
+from survey.core.files import DamagedError, warnings_logged
+from survey.core.foreign import refusing_damage
 from survey.io.dataset_files import VrtPart, raster_parts
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.netcdf_trial import refuse_unreadable
@@ -66,11 +67,8 @@ def _checked(file: Path) -> Iterator[None]:
     check_raster_file(file)
     if file.suffix.lower() == ".nc":
         refuse_unreadable(file, LARGEST_CELLS)
-    try:
-        with warnings_logged():
-            yield
-    except rasterio_errors() as error:
-        raise damaged_raster(file, error) from error
+    with refusing_damage(str(file), "raster of the format of its suffix"), warnings_logged():
+        yield
 
 
 def _dataset(file: Path, band: int) -> Any:
@@ -133,23 +131,11 @@ def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
         )
 
 
-def damaged_raster(file: Path, error: Exception) -> InputError:
-    """Return the refusal of a raster that GDAL cannot read."""
-    if isinstance(error, MemoryError):
-        return CapacityError(
-            f"{file} does not fit the memory ({first_line(error)}); cut a window (gdal_translate -projwin) first."
-        )
-    return InputError(
-        f"{file} is damaged or no raster of the format of its suffix ({first_line(error)}); get it again."
-    )
-
-
 def rasterio_errors() -> tuple[type[Exception], ...]:
-    """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
+    """Return what writing through GDAL may raise; what GDAL itself reports has no public home."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
-    # Texts of a damaged header, or the file's own name, may not be UTF-8, and its claims may exceed the memory.
     return RasterioError, CPLE_BaseError, DamagedError, UnicodeError, MemoryError, CRSError
 
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from affine import Affine
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
 
 from survey.core import UNSTATED, Bounds, CapacityError, FloatArray, InputError, existing_file
 from survey.core.crs import vertical_datum_of
@@ -22,7 +21,6 @@ from survey.io.arrays_file import refuse_altered
 from survey.io.raster.opening import (
     LARGEST_CELLS,
     check_band,
-    damaged_raster,
     open_dataset,
     open_list_of_bands,
     refuse_damaged_blocks,
@@ -74,14 +72,11 @@ def read_raster(
         datum = stated_datum(source)
         transform = source.transform @ Affine.translation(window[0], window[1])
         stored_as = str(source.dtypes[in_source - 1])
+        stated = datum or (vertical_datum_of(crs) if crs else UNSTATED)
     if is_summed:
         refuse_altered(file, crcs[band - 1], checksum_parts(values, transform, datum), f"the tag {CRC_TAG}")
-    try:
-        datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
-    except CRSError as error:
-        raise damaged_raster(file, error) from error
     values, transform = _north_up(values, transform)
-    return Raster(values, transform, crs, datum, stored_as)
+    return Raster(values, transform, crs, stated, stored_as)
 
 
 def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine]:
