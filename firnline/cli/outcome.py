@@ -11,6 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from contextvars import copy_context
 from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
@@ -38,7 +39,8 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            result = command(*args, **kwargs)
+            # A copy, so that the units of one command are not those of the next one in the same process.
+            result = copy_context().run(command, *args, **kwargs)
             sys.stdout.flush()
         except (typer.Exit, typer.Abort):
             raise

@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from survey.core import BoolArray, FloatArray, InputError, IntArray
+from survey.core.lengths import FOOT_M
 from survey.data import SurfacePoints
-from survey.io.raster.values import FOOT_M
 from survey.reconstruction.terrain_map import ELEVATION
 
 Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]

@@ -41,7 +41,8 @@ class Piece(NamedTuple):
     """Points of a file that are sorted together.
 
     `file`: path of the file. `number`: number of the file among the sources. `first`, `n`: first point and
-    number of points. `ground_class`: class of the points to use; all but noise where None.
+    number of points. `ground_class`: class of the points to use; all but noise where None. `metres`: in a unit of the
+    places and of the heights of the file.
     """
 
     file: str
@@ -49,6 +50,7 @@ class Piece(NamedTuple):
     first: int
     n: int
     ground_class: int | None
+    metres: tuple[float, float] = (1.0, 1.0)
 
     @property
     def name(self) -> str:
@@ -56,7 +58,9 @@ class Piece(NamedTuple):
         return f"f{self.number:05d}_p{self.first:012d}"
 
 
-def pieces_of(file: Path, number: int, n_points: int, ground_class: int | None) -> list[Piece]:
+def pieces_of(
+    file: Path, number: int, n_points: int, ground_class: int | None, metres: tuple[float, float] = (1.0, 1.0)
+) -> list[Piece]:
     """Return the pieces of a file: equal parts of at most 2.5 million points.
 
     >>> [piece.n for piece in pieces_of(Path("a.laz"), 0, 6_500_000, None)]
@@ -64,7 +68,9 @@ def pieces_of(file: Path, number: int, n_points: int, ground_class: int | None) 
     """
     n_parts = -(-n_points // _PIECE_POINTS)
     ends = [-(-k * n_points // n_parts) for k in range(n_parts + 1)]
-    return [Piece(str(file), number, first, end - first, ground_class) for first, end in pairwise(ends)]
+    return [
+        Piece(str(file), number, first, end - first, ground_class, metres) for first, end in pairwise(ends)
+    ]
 
 
 def holds_class(file: Path, n_points: int, wanted: int) -> bool:
@@ -108,7 +114,7 @@ def sort_piece(layout: TileLayout, folder: Path, piece: Piece) -> int:
     shutil.rmtree(draft, ignore_errors=True)
     try:
         draft.mkdir(parents=True)
-        for chunk in read_chunks(piece.file, piece.first, piece.n):
+        for chunk in read_chunks(piece.file, piece.first, piece.n, piece.metres):
             _append(chunk, layout, draft, piece)
         _put_in_place(draft, target)
     except OSError as error:

@@ -30,7 +30,9 @@ from survey.core import (
     write_json,
 )
 from survey.core.crs import datum_of_file
+from survey.core.transformation import metric_crs
 from survey.io.point_chunks import PointFileFacts, chunked_files, point_file_facts
+from survey.io.point_table import PLACE, units_of_table
 from survey.reconstruction.tiled.cells import Piece, holds_class, pieces_of
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 
@@ -162,19 +164,25 @@ def tiled_job(
     crs: Any = None,
     bounds: Bounds | None = None,
     control: Control | None = None,
+    units: str | None = None,
 ) -> TiledJob:
-    """Return the request of a map of point files, checked.
+    """Return the request of a map of point files, checked; places and heights in feet are converted, and the log states it.
 
     `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]; that of the points by default.
     """
     files = chunked_files(list(sources))
     facts = [point_file_facts(file) for file in files]
+    metres = [_metres(file, own, crs, units) for file, own in zip(files, facts, strict=True)]
+    facts = [
+        own._replace(bounds=(b[0] * m, b[1] * m, b[2] * m, b[3] * m))
+        for own, b, (m, _) in ((own, own.bounds, each) for own, each in zip(facts, metres, strict=True))
+    ]
     common, datum = _common_crs(files, facts, crs)
     layout = TileLayout.over(bounds or _bounds(facts), config.cell_m, config.tile_cells)
     pieces = []
-    for number, (file, own) in enumerate(zip(files, facts, strict=True)):
+    for number, (file, own, in_file) in enumerate(zip(files, facts, metres, strict=True)):
         ground = config.ground_class if holds_class(file, own.n_points, config.ground_class) else None
-        pieces += pieces_of(file.absolute(), number, own.n_points, ground)
+        pieces += pieces_of(file.absolute(), number, own.n_points, ground, in_file)
     return TiledJob(
         layout, config, folder.absolute(), tuple(pieces), common.to_wkt(), datum, control or Control.none()
     )
@@ -187,6 +195,17 @@ def _bounds(facts: Sequence[PointFileFacts]) -> Bounds:
     return float(low[0]), float(low[1]), float(high[0]) + 1e-6, float(high[1]) + 1e-6
 
 
+def _metres(file: Path, own: PointFileFacts, crs: Any, units: str | None) -> tuple[float, float]:
+    """Return the metres in a unit of the places and of the heights of a file."""
+    where = f"the point file {file}"
+    asked = own.crs if crs is None else crs
+    if asked is None:
+        return 1.0, 1.0  # refused by `_common_crs`
+    system, named = (metric_crs(each, where) for each in (asked if own.crs is None else own.crs, asked))
+    found = units_of_table(own.lengths, system, named.height_m, units, where)
+    return found[PLACE[0]], found[PLACE[2]]
+
+
 def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: Any) -> tuple[CRS, str]:
     """Return the projected CRS of all files and their vertical datum."""
     found: CRS | None = None
@@ -195,7 +214,7 @@ def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: A
         stated = own.crs if own.crs is not None else given
         if stated is None:
             raise InputError(f"the point file {file} names no CRS; give it with --crs.")
-        stated_crs = CRS.from_user_input(stated)
+        stated_crs = metric_crs(stated, f"the point file {file}").crs
         own_crs = projected_crs(stated_crs, f"the point file {file}")
         own_datum = datum_of_file(own.vertical_datum, stated_crs, f"the point file {file}")
         found = own_crs if found is None else found
@@ -228,12 +247,14 @@ def begin(job: TiledJob) -> int:
 def _stated(job: TiledJob) -> dict[str, Any]:
     """Return what must be the same for the work to go on."""
     files = {piece.file: None for piece in job.pieces}
+    in_feet = {piece.file: list(piece.metres) for piece in job.pieces if piece.metres != (1.0, 1.0)}
     return {
         "settings": job.config.model_dump(mode="json"),
         "cells": list(job.layout.extent),
         "crs": job.crs,
         "prior": job.prior,
         "files": {file: fingerprint(Path(file)) for file in files},
+        **({"metres": in_feet} if in_feet else {}),
         "control": f"{zlib.crc32(np.column_stack([*job.control.xyz.T, job.control.sigma_m]).tobytes()):08x}",
     }
 
