@@ -247,10 +247,12 @@ def _classes(
 
 
 def _datum_remark(map_: "survey.Reconstruction | survey.Dem", truth: "survey.Dem") -> list[str]:
-    """Return a note where one of map and reference alone states its vertical datum."""
+    """Return a note where map, reference or both do not state their vertical datum."""
     mean = map_ if isinstance(map_, survey.Dem) else map_.mean
-    if bool(mean.vertical_datum) == bool(truth.vertical_datum):
+    if mean.vertical_datum and truth.vertical_datum:
         return []
+    if not (mean.vertical_datum or truth.vertical_datum):
+        return ["  note: neither map nor reference states its vertical datum; tens of metres can hide there"]
     stated, unstated = ("map", "reference") if mean.vertical_datum else ("reference", "map")
     return [
         f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "

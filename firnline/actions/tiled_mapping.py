@@ -71,6 +71,11 @@ class TiledMapResult(Result):
         (self.job.folder / "withheld.png").write_bytes(png_bytes(figure))
         return self
 
+    @property
+    def notes(self) -> list[str]:
+        """A map that fails its own check, in capital letters at the front."""
+        return [f"WARNING: {each}." for each in self.result.facts["diagnostics"].get("warnings", ())]
+
     def facts(self) -> dict[str, Any]:
         """Return the record of the map."""
         return self.result.facts
@@ -89,6 +94,7 @@ class TiledMapResult(Result):
             fact_line("strips", f"{len(found['strips'])}, {found['n_overlap_blocks']} blocks of overlap"),
         ]
         lines += [fact_line("left out", each["sentence"]) for each in found.get("blunders", ())]
+        lines += [fact_line("warning", each["sentence"]) for each in found.get("contradictions", ())]
         if test.n:
             share = 100.0 * test.coverage_95
             lines.append(fact_line("withheld", f"{share:.1f} % of {test.n:,} cells within the 95 % interval"))

@@ -11,7 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
-from contextvars import copy_context
+from contextvars import Context
 from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
@@ -39,8 +39,8 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            # A copy, so that the units of one command are not those of the next one in the same process.
-            result = copy_context().run(command, *args, **kwargs)
+            # A context of its own: whether feet were read is not handed on to the next command of the same process.
+            result = Context().run(command, *args, **kwargs)
             sys.stdout.flush()
         except (typer.Exit, typer.Abort):
             raise

@@ -28,8 +28,10 @@ _PATTERNS = {
 _NAMED = {metres: re.compile(pattern, re.IGNORECASE) for metres, pattern in _PATTERNS.items()}
 _NAMES = {FOOT_M: "feet", US_SURVEY_FOOT_M: "US survey feet", 1.0: "metres"}
 _SAME = 1e-9
-# Numbers in metres, with their standard deviation where they have one; no areas, volumes or velocities.
-_IN_METRES = re.compile(r"([+-]?\d[\d,]*(?:\.\d+)?)((?: ± )(\d[\d,]*(?:\.\d+)?))? m(?![\w²³/-])")
+# Numbers in metres, with their standard deviation or the end of their range where they have one; no areas, volumes or velocities.
+_IN_METRES = re.compile(
+    r"([+-]?\d[\d,]*(?:\.\d+)?)(?:( ± | to | and )([+-]?\d[\d,]*(?:\.\d+)?))? m(?![\w²³/-])"
+)
 _shown_foot: ContextVar[float | None] = ContextVar("shown_foot", default=None)
 
 
@@ -106,7 +108,7 @@ def in_both(line: str) -> str:
         return f"{float(number.replace(',', '')) / foot:.{len(number.partition('.')[2])}f}"
 
     def both(found: re.Match[str]) -> str:
-        spread = f" ± {feet(found[3])}" if found[3] else ""
-        return f"{found[0]} ({feet(found[1])}{spread} ft)"
+        second = f"{found[2]}{feet(found[3])}" if found[3] else ""
+        return f"{found[0]} ({feet(found[1])}{second} ft)"
 
     return _IN_METRES.sub(both, line)

@@ -130,7 +130,8 @@ CHUNKED_SUFFIXES = (".las", ".laz", ".ply", ".parquet")
 class PointFileFacts(NamedTuple):
     """Number of points of a file, their bounds as stored, and what the file states: CRS, vertical datum, units.
 
-    `lengths`: metres in a unit of a column, where the file states it (`survey.io.point_table.PointTable`).
+    `lengths`: metres in a unit of a column, where the file states it (`survey.io.point_table.PointTable`). `heights` (2,):
+    lowest and highest, as stored, where the header states them.
     """
 
     n_points: int
@@ -138,6 +139,7 @@ class PointFileFacts(NamedTuple):
     crs: Any
     vertical_datum: str = UNSTATED
     lengths: Mapping[str, float] = {}
+    heights: tuple[float, float] | None = None
 
 
 class PointChunk(NamedTuple):
@@ -235,7 +237,7 @@ def _las_facts(file: Path) -> PointFileFacts:
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
         crs = crs_of_header(header, file)
         stated = datum_of_header(header, crs), lengths_of_header(header, file)
-        return PointFileFacts(header.point_count, bounds, crs, *stated)
+        return PointFileFacts(header.point_count, bounds, crs, *stated, (float(low[2]), float(high[2])))
 
 
 def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:

@@ -279,6 +279,38 @@ def blunders_in(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> Blu
     return found._replace(rows=tested[found.rows])
 
 
+CONFLICT = np.dtype(
+    [("x", "<f8"), ("y", "<f8"), ("n", "<i8"), ("low", "<f8"), ("high", "<f8"), ("scatter", "<f8")]
+)
+"""A place [m] that holds heights which contradict one another: their number, range and standard deviation [m]."""
+_TIMES_SCATTER, _LEAST_SCATTER_M = 5.0, 0.1
+
+
+def conflicts_in(
+    layout: TileLayout, tile: MapTile, files: Sequence[Path], usual_m: float
+) -> npt.NDArray[np.void]:
+    """Return the places of a tile, equal to the millimetre, whose heights scatter by far more than is usual in a cell [m]."""
+    parts = [read_sorted(file) for file in files]
+    x, y, z = (np.concatenate([np.asarray(part[axis], np.int64) for part in parts]) for axis in "xyz")
+    order = np.lexsort((z, y, x))
+    x, y, z = x[order], y[order], z[order] * STEP_M
+    starts = np.flatnonzero(np.diff(x, prepend=-1) | np.diff(y, prepend=-1))
+    n = np.diff(starts, append=len(x))
+    mean = np.add.reduceat(z, starts) / n
+    squares = np.add.reduceat((z - np.repeat(mean, n)) ** 2, starts)
+    scatter = np.sqrt(squares / np.maximum(n - 1, 1))
+    chosen = np.flatnonzero(scatter > max(_TIMES_SCATTER * usual_m, _LEAST_SCATTER_M))
+    found = np.zeros(len(chosen), CONFLICT)
+    first, window = starts[chosen], layout.window(tile)
+    found["x"], found["y"] = (
+        x[first] * STEP_M + window.west * layout.cell_m,
+        y[first] * STEP_M + window.south * layout.cell_m,
+    )
+    found["n"], found["scatter"] = n[chosen], scatter[chosen]
+    found["low"], found["high"] = z[first], z[first + n[chosen] - 1]
+    return found
+
+
 def _ranges(
     parts: Sequence[npt.NDArray[np.void]], window: CellWindow, cell_m: float
 ) -> tuple[FloatArray, FloatArray]:

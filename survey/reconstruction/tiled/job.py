@@ -30,6 +30,7 @@ from survey.core import (
     write_json,
 )
 from survey.core.crs import datum_of_file
+from survey.core.lengths import FOOT_M
 from survey.core.transformation import metric_crs
 from survey.io.point_chunks import PointFileFacts, chunked_files, point_file_facts
 from survey.io.point_table import PLACE, units_of_table
@@ -154,6 +155,7 @@ def load_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
 
 
 _ENDS_BYTES = 65_536
+_FEET_TOLERANCE = 0.02
 
 
 def tiled_job(
@@ -177,6 +179,7 @@ def tiled_job(
         own._replace(bounds=(b[0] * m, b[1] * m, b[2] * m, b[3] * m))
         for own, b, (m, _) in ((own, own.bounds, each) for own, each in zip(facts, metres, strict=True))
     ]
+    _refuse_feet_among_metres(files, facts, metres)
     common, datum = _common_crs(files, facts, crs)
     layout = TileLayout.over(bounds or _bounds(facts), config.cell_m, config.tile_cells)
     pieces = []
@@ -204,6 +207,27 @@ def _metres(file: Path, own: PointFileFacts, crs: Any, units: str | None) -> tup
     system, named = (metric_crs(each, where) for each in (asked if own.crs is None else own.crs, asked))
     found = units_of_table(own.lengths, system, named.height_m, units, where)
     return found[PLACE[0]], found[PLACE[2]]
+
+
+def _refuse_feet_among_metres(
+    files: Sequence[Path], facts: Sequence[PointFileFacts], metres: Sequence[tuple[float, float]]
+) -> None:
+    """Refuse a file whose heights are 3.28 times those of another one on the same ground, by the headers."""
+    known = [
+        (file, own.bounds, height_m * own.heights[0], height_m * own.heights[1])
+        for file, own, (_, height_m) in zip(files, facts, metres, strict=True)
+        if own.heights is not None and own.heights[0] > 0.0
+    ]
+    known.sort(key=lambda each: each[2])
+    for k, (file, a, low, high) in enumerate(known):
+        for other, b, other_low, other_high in known[k + 1 :]:
+            is_beside = a[0] > b[2] or b[0] > a[2] or a[1] > b[3] or b[1] > a[3]
+            ratio = (other_low + other_high) / (low + high) * FOOT_M
+            if not is_beside and other_low > high and abs(ratio - 1.0) < _FEET_TOLERANCE:
+                raise InputError(
+                    f"the heights of {other} ({other_low:.0f} to {other_high:.0f} m) are 3.28 times those of {file} ({low:.0f} to {high:.0f} m) "
+                    f"on the same ground, as feet are; map {other.name} alone with --units ft or us-ft, or state its unit in its header."
+                )
 
 
 def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: Any) -> tuple[CRS, str]:
