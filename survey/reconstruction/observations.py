@@ -368,7 +368,7 @@ class Contradictions(NamedTuple):
         return (
             f"{places} one another: the first, at {self.xy[0, 0]:.2f}, {self.xy[0, 1]:.2f}, holds {self.n[0]} between {self.low[0]:.2f} and "
             f"{self.high[0]:.2f} m, a scatter of {self.scatter_m[0]:.2f} m{stated}; the map's standard deviation there is not below the "
-            "scatter, remove the wrong ones from the file or raise --sigma"
+            "scatter, remove the wrong ones from the file"
         )
 
 

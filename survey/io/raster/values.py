@@ -91,7 +91,7 @@ def _named_unit(source: Any, band: int, units: str | None) -> float:
     if not same_length(place_m, 1.0):
         raise InputError(
             f"band {band} of {source.name} does not state the unit of its heights, and its places count in {length_name(place_m)}; name the unit "
-            "of the heights with --units m, ft or us-ft."
+            "of the heights with --units m, ft or us-ft, or in the file (gdal_edit.py -units)."
         )
     return 1.0
 
