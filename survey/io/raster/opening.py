@@ -179,11 +179,11 @@ def check_transform(t: Affine) -> None:
         )
     if abs(t.a + t.e) > 1e-3 * t.a:
         raise InputError(
-            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample it first."
+            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample the file first (gdalwarp -tr)."
         )
     if t.a < _SMALLEST_M:
         raise InputError(
-            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check its transform."
+            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check the transform of the file (gdalinfo)."
         )
 
 
