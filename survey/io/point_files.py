@@ -43,10 +43,10 @@ from survey.io.point_table import (
     check_claim,
     check_count,
     damaged_points,
-    in_metres,
     in_own_columns,
-    lengths_of,
     place_columns,
+    stated_lengths,
+    table_in_metres,
 )
 from survey.io.raster.values import HIGHEST_M, LARGEST, LOWEST_M, MARKS, MARKS_IN_METRES
 from survey.io.tables import is_number, read_table, write_table
@@ -165,7 +165,7 @@ def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTa
     crs = features.crs
     stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
     stated = stated or datum_of_column(names.get(_HEIGHT, ""))
-    return PointTable(found, crs, stated, lengths=lengths_of(names))
+    return PointTable(found, crs, stated, lengths=stated_lengths(names))
 
 
 def write_vector(path: Path, table: PointTable) -> None:
@@ -329,7 +329,7 @@ def read_point_table(
 def _checked_heights(table: PointTable, crs: Any, units: str | None, path: str | Path) -> PointTable:
     """Return a table in metres; refuse numbers that stand for missing ones, as stored, and impossible heights."""
     refuse_marks(table, path)
-    converted = in_metres(table, crs, units, f"the point file {path}")
+    converted = table_in_metres(table, crs, units, f"the point file {path}")
     if converted.columns[PLACE[2]] is table.columns[PLACE[2]]:
         _refuse_numbers(MARKS_IN_METRES, table.columns[PLACE[2]], PLACE[2], path)
     _refuse_impossible(converted.columns[PLACE[2]], path)
@@ -357,7 +357,7 @@ def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
         return table
     columns = {key: column for key, column in table.columns.items() if key != name}
     log_columns(f"the point file {path}", ColumnNames({SIGMA: name}))
-    lengths = {**table.lengths, **lengths_of({SIGMA: name})}
+    lengths = {**table.lengths, **stated_lengths({SIGMA: name})}
     return table._replace(columns={**columns, SIGMA: table.columns[name]}, lengths=lengths)
 
 

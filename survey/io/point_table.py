@@ -97,7 +97,7 @@ def in_own_columns(
     names, is_geographic = place_columns(list(columns), where)
     in_file = {**dict(zip(columns, columns, strict=True)), **(header or {})}
     in_file |= {own: in_file[name] for own, name in zip(PLACE, names, strict=True)}
-    datum, lengths = datum_of_column(in_file[PLACE[2]]), lengths_of(in_file)
+    datum, lengths = datum_of_column(in_file[PLACE[2]]), stated_lengths(in_file)
     places = {own: columns[name] for own, name in zip(PLACE, names, strict=True)}
     others = {name: column for name, column in columns.items() if name not in names}
     if not is_geographic:
@@ -167,7 +167,7 @@ class PointTable(NamedTuple):
     """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them.
 
     ``is_ground`` (N,) is true for points of the ground, by their classes; None where all are of the ground.
-    ``lengths``: metres in a unit of a column, where the file states it; `in_metres` converts by them.
+    ``lengths``: metres in a unit of a column, where the file states it; `table_in_metres` converts by them.
     """
 
     columns: dict[str, FloatArray]
@@ -182,13 +182,13 @@ _LIKE_PLACES = (*PLACE[:2], "map_x_m", "map_y_m", "sigma_xy_m")
 _LIKE_HEIGHTS = (PLACE[2], SIGMA)
 
 
-def lengths_of(names: Mapping[str, str]) -> dict[str, float]:
+def stated_lengths(names: Mapping[str, str]) -> dict[str, float]:
     """Return the metres in a unit of columns by own name, where the names (by own name) that the file gives them state it."""
     stated = {own: stated_length(name) for own, name in names.items() if own in _LIKE_PLACES + _LIKE_HEIGHTS}
     return {own: metres for own, metres in stated.items() if metres is not None}
 
 
-def in_metres(table: PointTable, named: Any, units: str | None, where: str) -> PointTable:
+def table_in_metres(table: PointTable, named: Any, units: str | None, where: str) -> PointTable:
     """Return a table in metres, in the twin of its CRS in metres, and log what was converted.
 
     The unit of a place is that of its column or CRS, that of a height of its column, header or vertical CRS, else `units`.
