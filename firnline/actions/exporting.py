@@ -24,7 +24,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Patience, System, Url
+from firnline.actions.requests import Lengths, Patience, System, Url
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ class RouteOptions:
             help="CRS of files that carry none; of areas and of plans of other tools, the one to write in, by default their UTM zone.",
         ),
     ] = None
+    units: Lengths = None
 
     def refuse_stated(self, reason: str) -> None:
         """Refuse options that only routes have.
@@ -311,7 +312,8 @@ def _kind_of(request: ExportRequest) -> str:
 def _convert(request: ExportRequest, kind: str, out: Path) -> str:
     from survey.interchange.conversion import convert
 
-    convert(request.source, out, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
+    given = request.crs, request.units
+    convert(request.source, out, kind, crs=given[0], units=given[1])  # type: ignore[arg-type]  # checked above
     return f"{out} written"
 
 

@@ -345,7 +345,9 @@ def own_crs(path: Path) -> "CRS | None":
     return None if is_geographic(stated) else projected_crs(stated, str(path))
 
 
-def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False) -> "survey.Dem":
+def read_about(
+    path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False, units: str | None = None
+) -> "survey.Dem":
     """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach."""
     from planners.capacity import require_cells
     from survey.core.crs import same_crs
@@ -360,4 +362,4 @@ def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: boo
         require_cells(int((east - west) * (north - south) / step_m**2))
     margin_m = max(_MARGIN_CELLS * step_m, _LEAST_MARGIN_M)
     about = (west - margin_m, south - margin_m, east + margin_m, north + margin_m)
-    return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask)
+    return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask, units=units)

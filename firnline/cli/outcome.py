@@ -11,6 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from contextvars import Context
 from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
@@ -38,7 +39,8 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            result = command(*args, **kwargs)
+            # A context of its own: whether feet were read is not handed on to the next command of the same process.
+            result = Context().run(command, *args, **kwargs)
             sys.stdout.flush()
         except (typer.Exit, typer.Abort):
             raise

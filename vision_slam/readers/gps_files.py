@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from survey.core import ConfigError, FloatArray, InputError, existing_file, first_line, printable
+from survey.core.lengths import log_converted
 from survey.core.time_units import PER_SECOND, declared_unit, plain_unit
 from survey.io.column_names import (
     OWN_NAMES,
@@ -247,7 +248,9 @@ def _unused_columns(table: TextTable, names: dict[str, str]) -> tuple[str, ...]:
 
 
 def _column_in_metres(table: TextTable, name: str, axis: Axis | None = None) -> FloatArray:
-    return metres_factor(name) * table.numbers(name, axis)
+    metres = metres_factor(name)
+    log_converted(f"{table.where}, column {name},", [("numbers", metres)])
+    return metres * table.numbers(name, axis)
 
 
 def _column_of_sigma_m(table: TextTable, names: dict[str, str], given: dict[str, str]) -> FloatArray | None:

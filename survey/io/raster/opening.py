@@ -89,7 +89,7 @@ def _dataset(file: Path, band: int) -> Any:
     return rasterio.open(parts[band - 1], driver=driver, **options)
 
 
-def check_band(source: Any, file: Path, band: int) -> int:
+def check_band(source: Any, file: Path, band: int, units: str | None = None) -> int:
     """Return the number of the band within what was opened, or refuse."""
     number = 1 if source.driver == "netCDF" and source.count == 1 else band
     if not 1 <= number <= source.count:
@@ -97,7 +97,7 @@ def check_band(source: Any, file: Path, band: int) -> int:
     if np.issubdtype(np.dtype(source.dtypes[number - 1]), np.complexfloating):
         raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
     refuse_picture(source, number)
-    band_scale(source, number)
+    band_scale(source, number, units)
     refuse_depths(source, number)
     _refuse_other_axes(source, file)
     _refuse_large_blocks(source, file, number)
@@ -165,11 +165,11 @@ def check_transform(t: Affine) -> None:
         )
     if abs(t.a + t.e) > 1e-3 * t.a:
         raise InputError(
-            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample it first."
+            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample the file first (gdalwarp -tr)."
         )
     if t.a < _SMALLEST_M:
         raise InputError(
-            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check its transform."
+            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check the transform of the file (gdalinfo)."
         )
 
 
