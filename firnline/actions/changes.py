@@ -14,7 +14,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Select
+from firnline.actions.requests import Lengths, Select
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
@@ -83,6 +83,7 @@ class ChangeRequest:
     crs: Annotated[
         str | None, Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS).")
     ] = None
+    units: Lengths = None
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
     ] = 2.0
@@ -197,7 +198,7 @@ def preview_change(request: ChangeRequest) -> Preview:
     surveys = {"later": request.later, "earlier": request.earlier}
     if all(source.suffix == ".npz" for source in surveys.values()):
         return Preview.of(writes)
-    *read, _ = surveys_of(request.later, request.earlier, request.crs)
+    *read, _ = surveys_of(request.later, request.earlier, request.crs, request.units)
     dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
     outlines = read_outlines(request.outline, dems["later"].crs, request.select)
@@ -239,7 +240,7 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request)
-    new, old, note = surveys_of(request.later, request.earlier, request.crs)
+    new, old, note = surveys_of(request.later, request.earlier, request.crs, request.units)
     crs = (new if isinstance(new, survey.Dem) else new.mean).crs
     outlines = read_outlines(request.outline, crs, request.select)
     ground = None
@@ -328,25 +329,26 @@ class Surveys(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def surveys_of(later: Path, earlier: Path, crs: str | None) -> Surveys:
+def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
     from survey.scoring.change.volume_change import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:
-        return Surveys(_survey(later, crs), _survey(earlier, crs))
+        return Surveys(_survey(later, crs, units), _survey(earlier, crs, units))
     note = f"the surveys were averaged over squares of about {step_m:.3g} m before the comparison."
-    return Surveys(average_survey(later, step_m, crs), average_survey(earlier, step_m, crs), (note,))
+    new, old = (average_survey(file, step_m, crs, units) for file in (later, earlier))
+    return Surveys(new, old, (note,))
 
 
 def _is_raster(source: Path) -> bool:
     return source.is_file() and source.suffix != ".npz"
 
 
-def _survey(source: Path, crs: str | None) -> "survey.Reconstruction | survey.Dem":
+def _survey(source: Path, crs: str | None, units: str | None) -> "survey.Reconstruction | survey.Dem":
     """Read a map that is no terrain model."""
     if source.suffix == ".npz":
         raise survey.InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
         )
-    return map_of(source, crs)
+    return map_of(source, crs, units=units)

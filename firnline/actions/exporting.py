@@ -25,7 +25,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Patience, Select, System, Url
+from firnline.actions.requests import Lengths, Patience, Select, System, Url
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ class RouteOptions:
             help="CRS of files that carry none; of areas and of plans of other tools, the one to write in, by default their UTM zone.",
         ),
     ] = None
+    units: Lengths = None
 
     def refuse_stated(self, reason: str) -> None:
         """Refuse options that only routes have.
@@ -313,7 +314,8 @@ def _kind_of(request: ExportRequest) -> str:
 def _convert(request: ExportRequest, kind: str, out: Path) -> str:
     from survey.interchange.conversion import convert
 
-    convert(request.source, out, kind, crs=request.crs, select=request.select)  # type: ignore[arg-type]  # checked above
+    given = {"crs": request.crs, "units": request.units, "select": request.select}
+    convert(request.source, out, kind, **given)  # type: ignore[arg-type]  # checked above
     return f"{out} written"
 
 

@@ -365,7 +365,7 @@ def chosen_area(file: Path, options: Any, crs: Any) -> "survey.SurveyArea":
         return area
     from planners.routes.traversability import between_heights
 
-    heights = read_about(options.prior, area.bounds, area.crs, "the prior")
+    heights = read_about(options.prior, area.bounds, area.crs, "the prior", units=options.units)
     return between_heights(area, heights, above_m=options.above, below_m=options.below)
 
 
@@ -373,7 +373,9 @@ def _has_limits(options: Any) -> bool:
     return any(getattr(options, name, None) is not None for name in ("above", "below"))
 
 
-def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False) -> "survey.Dem":
+def read_about(
+    path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False, units: str | None = None
+) -> "survey.Dem":
     """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach."""
     from planners.capacity import require_cells
     from survey.core.crs import same_crs
@@ -388,4 +390,4 @@ def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: boo
         require_cells(int((east - west) * (north - south) / step_m**2))
     margin_m = max(_MARGIN_CELLS * step_m, _LEAST_MARGIN_M)
     about = (west - margin_m, south - margin_m, east + margin_m, north + margin_m)
-    return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask)
+    return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask, units=units)

@@ -21,7 +21,7 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, RunOptions, Select
+from firnline.actions.requests import Above, Below, Lengths, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ class PlanRequest(RunOptions):
         str | None,
         Option("--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."),
     ] = None
+    units: Lengths = None
     rovers: Annotated[int | None, Option("--rovers", help="Number of rovers that share the area.")] = None
     max_slope: Annotated[
         float | None,
@@ -249,7 +250,11 @@ class PlanRequest(RunOptions):
         area = chosen_area(self.source, self, crs)
         if self.out.suffix.lower() == ".pdf":
             require_transformation(area.crs, self.out)
-        prior = None if self.prior is None else read_about(self.prior, area.bounds, area.crs, "the prior")
+        prior = (
+            None
+            if self.prior is None
+            else read_about(self.prior, area.bounds, area.crs, "the prior", units=self.units)
+        )
         if self.no_go is not None:
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)

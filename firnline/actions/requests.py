@@ -50,6 +50,25 @@ def columns_option(help_: str) -> Any:
     return Option("--columns", metavar="KEY=COLUMN,…", help=help_)
 
 
+Lengths = Annotated[
+    str | None,
+    Option(
+        "--units",
+        metavar="m|ft|us-ft",
+        help="Unit of heights in files that state none; feet are converted to metres, and results are printed in both.",
+    ),
+]
+Layout = Annotated[
+    str | None,
+    Option(
+        "--format",
+        metavar="pnezd|penz|xyz",
+        help="Order of the columns of a table, one letter each: p point, n northing, e easting, z height, d description, s "
+        "standard deviation; --columns takes positions too (z=4).",
+    ),
+]
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Options of the actions that do stages of a mission."""
@@ -145,6 +164,8 @@ class ReconstructRequest(RunOptions):
         list[str],
         columns_option("Columns of a table of points: x, y, z, lon, lat, sigma_z; usual names are found."),
     ] = field(default_factory=list)
+    layout: Layout = None
+    units: Lengths = None
     trajectories: Annotated[
         list[Path],
         Option(

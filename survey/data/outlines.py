@@ -21,7 +21,8 @@ from shapely.validation import explain_validity
 
 from survey.core import InputError, frozen, printable, projected_crs
 from survey.core.crs import is_local, known_crs, refuse_degrees, refuse_exchanged, refuse_far
-from survey.core.transformation import chosen_crs, is_geographic, transformed
+from survey.core.lengths import log_converted
+from survey.core.transformation import chosen_crs, is_geographic, metric_crs, transformed
 from survey.io.vector import Features, polygon_layer, read_features
 
 logger = logging.getLogger(__name__)
@@ -278,9 +279,11 @@ def in_crs(features: Features, crs: Any, where: str) -> Features:
             known_crs(features.crs, where).name,
             crs.name,
         )
-    if crs is None:
+    stated = metric_crs(features.crs, where)
+    log_converted(where, [("places", stated.place_m)])
+    if crs is None and stated.place_m == 1.0:
         return features._replace(crs=projected_crs(features.crs, where))
-    target = projected_crs(crs, "the wanted CRS")
+    target = projected_crs(stated.crs if crs is None else metric_crs(crs, where).crs, "the wanted CRS")
     moved = shapely.transform(features.geometry, lambda xy: transformed(xy, features.crs, target, where))
     return features._replace(geometry=moved, crs=target)
 

@@ -17,7 +17,15 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core import CapacityError, InputError, existing_file, first_line, printable, replacing
+from survey.core import (
+    CapacityError,
+    InputError,
+    existing_file,
+    first_line,
+    printable,
+    refusing_damage,
+    replacing,
+)
 from survey.core.files import unwritable, warnings_logged
 from survey.core.transformation import WGS84, coded_crs, transformed
 from survey.io.dataset_files import companion_files, stale_files
@@ -215,15 +223,13 @@ def _types_in(path: str | Path, layer: str, what: str) -> set[str]:
 @contextmanager
 def _gdal_of(file: Path, what: str) -> Iterator[tuple[Any, Path]]:
     """Give GDAL's bindings and the file that they open; what they raise about it becomes an `InputError`."""
-    try:
-        with _opened(file, what) as source, gdal_bindings() as gdal, warnings_logged():
-            yield gdal, source
-    except InputError:
-        raise
-    except pyogrio_errors() as error:
-        raise InputError(
-            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
-        ) from error
+    with (
+        refusing_damage(f"{what} {file}", "vector file that GDAL can read"),
+        _opened(file, what) as source,
+        gdal_bindings() as gdal,
+        warnings_logged(),
+    ):
+        yield gdal, source
 
 
 @contextmanager

@@ -440,14 +440,16 @@ def averaged_step_m(files: list[Path]) -> float | None:
     return float(max(np.sqrt(sides).max(), *(header.transform.a for header in headers)))
 
 
-def average_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
+def average_survey(
+    file: Path, step_m: float, crs: Any = None, units: str | None = None
+) -> Reconstruction | Dem:
     """Return a survey averaged over squares of about a given side; a second band is its standard deviation.
 
     `step_m`: side of the squares [m]; whole cells are taken, at least one.
     """
     cells = max(1, math.ceil(step_m / raster_header(file).transform.a - 1e-9))
     bands = (1, 2) if band_count(file) > 1 else (1,)
-    rasters = read_averaged(file, cells, bands)
+    rasters = read_averaged(file, cells, bands, units)
     system = agreed_crs(rasters[0].crs, crs, str(file))
     mean, *std = (Dem(one.values, one.transform, system, one.vertical_datum) for one in rasters)
     if not std:
