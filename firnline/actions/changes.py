@@ -1,6 +1,6 @@
 """Compare two surveys: change of elevation, volume and mass, also along the flow of the ice."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -14,7 +14,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Lengths
+from firnline.actions.requests import Lengths, Select
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
@@ -43,6 +43,7 @@ class ChangeRequest:
     outline: Annotated[
         Path, Option("--outline", help="Polygons over which to compute change (glacier outlines).")
     ]
+    select: Select = field(default_factory=list)
     stable: Annotated[
         Path | None,
         Option("--stable", help="Ground that did not change; by default all outside the outlines."),
@@ -200,7 +201,7 @@ def preview_change(request: ChangeRequest) -> Preview:
     *read, _ = surveys_of(request.later, request.earlier, request.crs, request.units)
     dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
-    outlines = read_outlines(request.outline, dems["later"].crs)
+    outlines = read_outlines(request.outline, dems["later"].crs, request.select)
     return Preview.of(writes, {**facts, "outlines": ", ".join(outlines)})
 
 
@@ -238,10 +239,10 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     from survey.scoring.change.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
-        return _models_compared(request.later, request.earlier, request.outline, request.step_m)
+        return _models_compared(request)
     new, old, note = surveys_of(request.later, request.earlier, request.crs, request.units)
     crs = (new if isinstance(new, survey.Dem) else new.mean).crs
-    outlines = read_outlines(request.outline, crs)
+    outlines = read_outlines(request.outline, crs, request.select)
     ground = None
     if request.stable is not None:
         ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
@@ -261,15 +262,14 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     return replace(found, notes=(*found.notes, *note)), outlines
 
 
-def _models_compared(
-    later: Path, earlier: Path, outline: Path, step_m: float
-) -> tuple["Change", dict[str, Any]]:
+def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.change.difference import change_of_models
     from survey.scoring.change.volume_change import read_outlines
 
+    later, earlier = request.later, request.earlier
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
     if crs is None:
@@ -277,9 +277,9 @@ def _models_compared(
             f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
             "compare their maps instead."
         )
-    outlines = read_outlines(outline, crs)
+    outlines = read_outlines(request.outline, crs, request.select)
     bounds = shapely.union_all(list(outlines.values())).bounds
-    return change_of_models(new, old, outlines, survey.Grid.over(bounds, step_m, crs)), outlines
+    return change_of_models(new, old, outlines, survey.Grid.over(bounds, request.step_m, crs)), outlines
 
 
 def _change_lines(facts: dict[str, Any]) -> list[str]:

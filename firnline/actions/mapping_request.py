@@ -7,6 +7,7 @@ from pathlib import Path
 from pyproj import CRS
 
 import survey
+from firnline.actions.interface import area_if_named
 from firnline.actions.requests import ReconstructRequest
 from survey.core import InputError, Section, projected_crs, validated, with_overrides
 from survey.data.ice_motion import ICE_MOTION
@@ -78,12 +79,10 @@ class MapRequest:
     def area_of_scans(self) -> survey.SurveyArea | None:
         """Return the area to map; scans state their CRS one by one, so that --crs or the area's own counts."""
         options = self.options
-        if options.area is None:
-            return None
-        if options.crs is not None:
+        if options.crs is not None and options.area is not None:
             return self.read_area(projected_crs(options.crs, "the scans"))
-        area = survey.SurveyArea.read(options.area)
-        if not area.crs.is_projected:
+        area = area_if_named(options.area, options, None)
+        if area is not None and not area.crs.is_projected:
             raise InputError(f"{options.area} is in degrees; add --crs with the CRS of the scans.")
         return area
 
@@ -93,10 +92,9 @@ class MapRequest:
 
     def read_area(self, crs: CRS) -> survey.SurveyArea | None:
         """Return the area to map, in the points' CRS."""
-        if self.options.area is None:
-            return None
-        area = survey.SurveyArea.read(self.options.area, crs=crs)
-        area.require_crs(crs, "the points")
+        area = area_if_named(self.options.area, self.options, crs)
+        if area is not None:
+            area.require_crs(crs, "the points")
         return area
 
     def grid_over(self, bounds: tuple[float, float, float, float], crs: CRS) -> survey.Grid:

@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import planners
 import survey
-from firnline.actions.interface import Argument, Option, WrittenResult, own_crs, read_about, refuse_existing
-from firnline.actions.requests import Lengths, RunOptions
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    WrittenResult,
+    chosen_area,
+    own_crs,
+    read_about,
+    refuse_existing,
+)
+from firnline.actions.requests import Above, Below, Lengths, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
@@ -35,6 +43,9 @@ class PlanRequest(RunOptions):
         Path, Argument(help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).")
     ]
     prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster of the area.")] = None
+    select: Select = field(default_factory=list)
+    above: Above = None
+    below: Below = None
     pattern: Annotated[
         str | None,
         Option(
@@ -236,7 +247,7 @@ class PlanRequest(RunOptions):
         crs: Any = self.crs
         if crs is None and self.prior is not None:
             crs = own_crs(self.prior)
-        area = survey.SurveyArea.read(self.source, crs=crs)
+        area = chosen_area(self.source, self, crs)
         if self.out.suffix.lower() == ".pdf":
             require_transformation(area.crs, self.out)
         prior = (

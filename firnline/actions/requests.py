@@ -16,6 +16,25 @@ Runs = Annotated[Path, Option("--runs", help="Folder that holds all runs.")]
 Settings = Annotated[
     list[str], Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6.")
 ]
+Select = Annotated[
+    list[str],
+    Option(
+        "--select",
+        metavar="NAME|COLUMN=VALUE",
+        help="Which outlines of the file, such as RGIId=RGI60-11.00897; * stands for any letters; may be repeated.",
+    ),
+]
+Above = Annotated[
+    float | None,
+    Option("--above", help="Only ground of the area above this height of the prior [m]; needs --prior."),
+]
+Below = Annotated[
+    float | None,
+    Option(
+        "--below",
+        help="Only ground of the area below this height of the prior [m], such as the tongue of a glacier; needs --prior.",
+    ),
+]
 Workers = Annotated[
     int | None,
     Option(
@@ -127,6 +146,9 @@ class ReconstructRequest(RunOptions):
     area: Annotated[
         Path | None, Option("--area", help="Polygon file to map; without it the bounding box of the points.")
     ] = None
+    select: Select = field(default_factory=list)
+    above: Above = None
+    below: Below = None
     method: Annotated[
         str | None,
         Option("--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import survey
 from firnline.actions.interface import Argument, Option, refuse_existing
-from firnline.actions.requests import Layout, Lengths, RunOptions, columns_option, epoch_option
+from firnline.actions.requests import Layout, Lengths, RunOptions, Select, columns_option, epoch_option
 from survey.core import InputError
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ class ScoreRequest(RunOptions):
         Path | None, Option("--control", help="Points that the map was made from; no checkpoint may be one.")
     ] = None
     area: Annotated[Path | None, Option("--area", help="Judge only inside this polygon.")] = None
+    select: Select = field(default_factory=list)
     route: Annotated[Path | None, Option("--route", help="Route that was driven, for coverage, α and β.")] = (
         None
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import survey
-from firnline.actions.interface import Preview, Result, fact_line, figure_lines, previewed_by
+from firnline.actions.interface import Preview, Result, area_if_named, fact_line, figure_lines, previewed_by
 from firnline.actions.score_request import (
     Classes,
     ScoreRequest,
@@ -174,7 +174,7 @@ def _score_against_raster(request: ScoreRequest) -> ScoreResult:
         map_of(request.source, request.crs, request.epoch_s, request.units),
         survey.Dem.read(request.truth, crs=request.crs, units=request.units),
     )
-    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=truth.crs)
+    area = area_if_named(request.area, request, truth.crs)
     route = None if request.route is None else survey.Route.read(request.route)
     judged = survey.score(map_, truth=truth, route=route, area=area)
     classes = _classes(request, map_, truth, area)
@@ -226,7 +226,7 @@ def _in_blocks(request: ScoreRequest) -> "survey.Score":
 
     assert request.truth is not None
     system = agreed_crs(raster_facts(request.truth, request.units).crs, request.crs, str(request.truth))
-    ground = None if request.area is None else survey.SurveyArea.read(request.area, crs=system)
+    ground = area_if_named(request.area, request, system)
     return score_files(request.source, request.truth, ground, crs=request.crs, units=request.units)
 
 
@@ -300,7 +300,7 @@ def _score_at_checkpoints(request: ScoreRequest, map_: "survey.Reconstruction | 
 
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
     points = read_checkpoints(request, dem)
-    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=dem.crs)
+    area = area_if_named(request.area, request, dem.crs)
     errors = compare(dem, points, area)
     judged = score_at(
         errors,

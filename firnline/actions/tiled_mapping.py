@@ -14,6 +14,7 @@ from firnline.actions.interface import (
     Preview,
     Progress,
     Result,
+    area_if_named,
     fact_line,
     figure_lines,
     no_progress,
@@ -200,10 +201,8 @@ def _prepare(options: ReconstructRequest, *, removes: bool) -> None:
 
 def _bounds(options: ReconstructRequest) -> tuple[float, float, float, float] | None:
     """Return the box about the area that is named."""
-    if options.area is None:
-        return None
-    area = survey.SurveyArea.read(options.area, crs=options.crs)
-    return area.bounds
+    area = area_if_named(options.area, options, options.crs)
+    return None if area is None else area.bounds
 
 
 def _control(file: Path, job: TiledJob, units: str | None) -> Control:

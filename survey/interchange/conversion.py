@@ -5,6 +5,7 @@ writes it. Routes are converted by `survey.interchange.route_formats`.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,9 +30,18 @@ FileKind = Literal["raster", "points", "track", "area"]
 
 
 def convert(
-    source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = None, units: str | None = None
+    source: str | Path,
+    out: str | Path,
+    kind: FileKind,
+    *,
+    crs: Any = None,
+    units: str | None = None,
+    select: Sequence[str] = (),
 ) -> None:
-    """Write what a file holds in the format that the other's ending names; feet become metres."""
+    """Write what a file holds in the format that the other's ending names; feet become metres.
+
+    `select`: which outlines of an area.
+    """
     if kind == "raster":
         _raster(source, out, crs, units)
     elif kind == "points":
@@ -41,7 +51,7 @@ def convert(
         datum = datum_of_file(table.vertical_datum, crs, str(source))
         write_point_table(out, table._replace(crs=_one(table.crs, crs, source), vertical_datum=datum))
     elif kind == "area":
-        SurveyArea.read(source, crs=crs).write(out)
+        SurveyArea.read(source, crs=crs, select=select).write(out)
     elif Path(source).suffix.lower() in _TRACKS:
         _places(source, Path(out), crs)
     else:
