@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core import FloatArray, InputError, existing_file
+from survey.core import FloatArray, InputError, existing_file, refusing_damage
 from survey.core.documents import read_json
 from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.interchange.fences import FencePart, require_inside
@@ -174,14 +174,8 @@ def read_mission_file(path: str | Path) -> Mission:
     file = existing_file(path, "the mission")
     where = f"the mission {file}"
     reader = _read_wpl if file.suffix.lower() == ".waypoints" else _read_qgc_plan
-    try:
+    with refusing_damage(where, "mission of the format of its suffix", "save it again"):
         return reader(file, where)
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as error:
-        raise InputError(
-            f"{where} is damaged or not of the format of its ending ({error}); save it again."
-        ) from error
 
 
 def _read_qgc_plan(file: Path, where: str) -> Mission:

@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from pyproj import CRS
 
-from survey.core import InputError, existing_file, projected_crs
+from survey.core import InputError, existing_file, projected_crs, refusing_damage
 from survey.core.transformation import WGS84, chosen_crs, is_geographic
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings, fence_of
@@ -153,21 +152,8 @@ def _own_crs(file: Path) -> CRS:
 
 def _content(file: Path, crs: CRS) -> ReadLegs:
     """Return the legs of a plan in a CRS, at least one, and what was left out."""
-    try:
+    with refusing_damage(f"the plan {file}", "plan of the format of its suffix"):
         content = READERS[file.suffix.lower()](file, crs)
-    except InputError:
-        raise
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        UnicodeDecodeError,
-        shapely.errors.GEOSException,
-    ) as error:
-        raise InputError(
-            f"the plan {file} is damaged or not of the format of its ending ({error}); get it again."
-        ) from error
     if not content.legs:
         beside = f" ({'; '.join(content.left_out)})" if content.left_out else ""
         raise InputError(f"the plan {file} holds no line of two waypoints{beside}; plan at least one leg.")

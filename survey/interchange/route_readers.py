@@ -43,7 +43,7 @@ def _read_kml(path: Path, crs: CRS) -> ReadLegs:
         found, beside = _legs_of(path, crs, name)
         legs += found
         others += beside
-    stated = _elements(_kml_text(path), ("LineString", "Track"))
+    stated = _elements(kml_document(path, "the plan"), ("LineString", "Track"))
     n_stated = stated["LineString"] + stated["Track"]
     if n_stated > len(legs):
         raise InputError(
@@ -88,10 +88,6 @@ def _beside(others: Counter[str]) -> tuple[str, ...]:
     """Return a note on what is no line."""
     named = ", ".join(f"{n} {kind}{'s' * (n > 1)}" for kind, n in others.items() if n)
     return (f"left out, because a route is made of lines: {named}",) if named else ()
-
-
-def _kml_text(path: Path) -> bytes:
-    return kml_document(path, "the plan") if path.suffix.lower() == ".kmz" else small_text(path, "the plan")
 
 
 def _elements(content: bytes, names: Sequence[str]) -> Counter[str]:
