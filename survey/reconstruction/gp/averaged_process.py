@@ -120,7 +120,8 @@ class AveragedProcess(Process):
         """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2)."""
         means = np.array([part.predict(xy)[0] for part in self.parts])
         off = means - self.weights @ means
-        return self._mean([part.joint_covariance(xy) for part in self.parts]) + (self.weights * off.T) @ off
+        of_means: FloatArray = (self.weights * off.T) @ off
+        return self._mean([part.joint_covariance(xy) for part in self.parts]) + of_means
 
     def derivative_variance_on_axes(self, x: FloatArray, y: FloatArray, direction: FloatArray) -> FloatArray:
         """Return the variance (H * W,) of the derivative along a vector (2,), without that of a trend."""

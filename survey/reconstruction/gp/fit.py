@@ -236,11 +236,10 @@ class Learned:
     @property
     def own_noise_m2(self) -> FloatArray:
         """Noise variances of the points (N,) [m²], without that of relief too fine to be mapped."""
-        process = self.process
-        averages = isinstance(process, AveragedProcess)
-        nugget_m2 = process.nuggets_m2[0] if averages else self.hyperparameters.nugget_m**2
-        own: FloatArray = process.data.noise_m2 - nugget_m2
-        return own
+        nugget_m2 = self.hyperparameters.nugget_m**2
+        if isinstance(self.process, AveragedProcess):
+            nugget_m2 = float(self.process.nuggets_m2[0])
+        return self.process.data.noise_m2 - nugget_m2
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""

@@ -99,7 +99,8 @@ def weights_of(log_posteriors: FloatArray) -> FloatArray:
     """Return the weights (K,) that log posteriors give, which sum to 1; 0 where one would be little."""
     weights = softmax(_POWER * log_posteriors)
     weights[weights < _LEAST_WEIGHT] = 0.0
-    return weights / weights.sum()
+    normalized: FloatArray = weights / weights.sum()
+    return normalized
 
 
 def _with_weights(kernels: list[WeightedKernel]) -> list[WeightedKernel]:

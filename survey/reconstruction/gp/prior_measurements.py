@@ -144,7 +144,7 @@ class ProcessWithCells(Process):
         determinant = float(np.log(np.diag(self._factor)).sum())
         n = len(self.cells)
         misfit = 0.5 * (float(self._whitened @ self._whitened) + n * np.log(2.0 * np.pi))
-        return self.base.log_marginal_likelihood - misfit - determinant
+        return float(self.base.log_marginal_likelihood - misfit - determinant)
 
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance (M,) at places (M, 2)."""
