@@ -6,7 +6,6 @@ QGroundControl or from a file ``QGC WPL 110``. `require_storable` refuses what a
 anything is sent.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,6 +16,7 @@ import numpy as np
 
 from live.link import ARDUPILOT, PX4
 from survey import InputError, Route
+from survey.core import parse_json, refusing_damage
 from survey.interchange.missions import NAV_WAYPOINT, MissionItem, Surroundings, fence_polygons, mission_items
 
 MISSION, FENCE = 0, 1
@@ -214,13 +214,10 @@ class AutopilotMission:
     def read(cls, path: Path) -> "AutopilotMission":
         """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is."""
         reader = _read_wpl if path.suffix.lower() == ".waypoints" else _read_qgc_plan
-        try:
-            mission = reader(path.read_text(encoding="utf-8"))
-        except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
-            raise InputError(
-                f"the mission {path} is damaged or not of the format of its ending ({error}); save it again."
-            ) from error
-        if not any(LinkItem.of(item).is_waypoint for item in mission.items):
+        with refusing_damage(f"the mission {path}", "mission of the format of its suffix", "save it again"):
+            mission = reader(path.read_bytes(), f"the mission {path}")
+            are_waypoints = [LinkItem.of(item).is_waypoint for item in mission.items]
+        if not any(are_waypoints):
             raise InputError(
                 f"the mission {path} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
             )
@@ -256,13 +253,16 @@ def _circle(circle: dict[str, Any]) -> MissionItem:
     return MissionItem(command, _FRAME_GLOBAL, (circle["circle"]["radius"], 0, 0, 0, latitude, longitude, 0))
 
 
-def _read_qgc_plan(text: str) -> AutopilotMission:
-    plan = json.loads(text)
+def _read_qgc_plan(content: bytes, where: str) -> AutopilotMission:
+    plan = parse_json(content, where, "save it again")
     fence = plan.get("geoFence", {})
     polygons = [_polygon(one["polygon"], one["inclusion"]) for one in fence.get("polygons", [])]
     circles = [_circle(one) for one in fence.get("circles", [])]
     items = _simple_items(plan["mission"]["items"])
     return AutopilotMission(tuple(items), tuple([item for one in polygons for item in one] + circles))
+
+
+_N_PARAMS = 7
 
 
 def _simple_items(items: list[dict[str, Any]]) -> list[MissionItem]:
@@ -272,15 +272,22 @@ def _simple_items(items: list[dict[str, Any]]) -> list[MissionItem]:
         if "TransectStyleComplexItem" in item:
             found += _simple_items(item["TransectStyleComplexItem"]["Items"])
         else:
-            found.append(MissionItem(item["command"], item["frame"], tuple(item["params"])))
+            # Older files have the place apart from the four other numbers.
+            apart = item.get("coordinate")
+            params = tuple(item["params"]) if apart is None else (*item["params"][:4], *apart)
+            if len(params) != _N_PARAMS:
+                raise ValueError(
+                    f"the item of command {item['command']} has {len(params)} numbers, not {_N_PARAMS}"
+                )
+            found.append(MissionItem(item["command"], item["frame"], params))
     return found
 
 
-def _read_wpl(text: str) -> AutopilotMission:
+def _read_wpl(content: bytes, where: str) -> AutopilotMission:
     """Read the lines after the home position."""
-    first, *rows = text.splitlines()
+    first, *rows = content.decode("utf-8").splitlines()
     if first.split() != ["QGC", "WPL", "110"]:
-        raise ValueError(f"begins with {first[:40]!r}, not with QGC WPL 110")
+        raise InputError(f"{where} begins with {first[:40]!r}; QGC WPL 110 was expected, save it again.")
     cells = np.array([row.split() for row in rows if row.strip()], dtype=np.float64)
     if cells.ndim != 2 or cells.shape[1] != _COLUMNS_OF_WPL:
         raise ValueError("rows of 12 numbers were expected")

@@ -1,7 +1,7 @@
 """Convert routes, maps, tracks, areas and points to the formats of other programs; exchange missions with a rover."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -15,6 +15,7 @@ from firnline.actions.interface import (
     Progress,
     Result,
     WrittenResult,
+    area_if_named,
     companions_of_output,
     fact_line,
     needs_live_extra,
@@ -24,7 +25,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Patience, System, Url
+from firnline.actions.requests import Lengths, Patience, Select, System, Url
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class RouteOptions:
             "KML. Of a run folder, its own.",
         ),
     ] = None
+    select: Select = field(default_factory=list)
     dem: Annotated[
         Path | None,
         Option(
@@ -70,6 +72,7 @@ class RouteOptions:
             help="CRS of files that carry none; of areas and of plans of other tools, the one to write in, by default their UTM zone.",
         ),
     ] = None
+    units: Lengths = None
 
     def refuse_stated(self, reason: str) -> None:
         """Refuse options that only routes have.
@@ -149,7 +152,7 @@ def _surroundings(route: "survey.Route", options: RouteOptions) -> "Surroundings
     places = np.vstack([leg.xy for leg in route.legs])
     bounds = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
     return Surroundings(
-        None if area is None else survey.SurveyArea.read(area, crs=route.crs),
+        area_if_named(area, options, route.crs),
         None if dem is None else read_about(dem, bounds, route.crs, "the elevation raster"),
         "ardupilot" if autopilot == "ardupilot" else "px4",
         options.speed_m_s,
@@ -311,7 +314,8 @@ def _kind_of(request: ExportRequest) -> str:
 def _convert(request: ExportRequest, kind: str, out: Path) -> str:
     from survey.interchange.conversion import convert
 
-    convert(request.source, out, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
+    given = {"crs": request.crs, "units": request.units, "select": request.select}
+    convert(request.source, out, kind, **given)  # type: ignore[arg-type]  # checked above
     return f"{out} written"
 
 

@@ -63,7 +63,7 @@ class Surroundings:
     def __post_init__(self) -> None:
         if self.speed_m_s is not None and not 0.0 < self.speed_m_s < 100.0:
             raise InputError(
-                f"the speed is {self.speed_m_s:g} m/s; a number above 0 and below 100 was expected."
+                f"the speed is {self.speed_m_s:g} m/s; above 0 and below 100 was expected, correct --speed."
             )
 
     def check(self, route: Route) -> None:
@@ -128,7 +128,7 @@ class Surroundings:
         if not np.isfinite(heights).all():
             x, y = xy[np.flatnonzero(~np.isfinite(heights))[0]]
             raise InputError(
-                f"the terrain has no height at the waypoint ({x:.1f}, {y:.1f}); take a raster that covers the route."
+                f"the terrain has no height at the waypoint ({x:.1f}, {y:.1f}); name a raster that covers the route with --dem."
             )
         return heights
 

@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from pyproj import CRS
 
-from survey.core import InputError, existing_file, projected_crs
+from survey.core import InputError, existing_file, projected_crs, refusing_damage
 from survey.core.transformation import WGS84, chosen_crs, is_geographic
 from survey.data.route import Leg, Route
 from survey.interchange.missions import Surroundings
@@ -141,21 +140,8 @@ def _own_crs(file: Path) -> CRS:
 
 def _legs(file: Path, crs: CRS) -> tuple[Leg, ...]:
     """Return the legs of a plan in a CRS, at least one."""
-    try:
+    with refusing_damage(f"the plan {file}", "plan of the format of its suffix"):
         legs = READERS[file.suffix.lower()](file, crs)
-    except InputError:
-        raise
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        UnicodeDecodeError,
-        shapely.errors.GEOSException,
-    ) as error:
-        raise InputError(
-            f"the plan {file} is damaged or not of the format of its ending ({error}); get it again."
-        ) from error
     if not legs:
         raise InputError(f"the plan {file} holds no line of two waypoints; plan at least one leg.")
     return tuple(legs)

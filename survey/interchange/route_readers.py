@@ -1,7 +1,6 @@
 """Readers of routes, one for each file ending."""
 
 import csv
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.core import FloatArray, InputError
+from survey.core import FloatArray, InputError, parse_json
 from survey.core.transformation import WGS84, transformed
 from survey.data.route import Leg
 from survey.interchange.missions import NAV_WAYPOINT
@@ -72,7 +71,7 @@ def _read_wkt(path: Path, _: CRS) -> list[Leg]:
 
 
 def _read_qgc_plan(path: Path, crs: CRS) -> list[Leg]:
-    plan = json.loads(path.read_text(encoding="utf-8"))
+    plan = parse_json(path.read_bytes(), f"the plan {path}")
     return _mission(list(_simple_items(plan["mission"]["items"])), crs, path)
 
 

@@ -64,6 +64,30 @@ def test_an_area_of_too_many_corners_is_refused_as_a_fence():
         require_storable(mission.fence_items, FENCE, 10)
 
 
+def test_items_of_an_older_plan_have_their_place_apart(tmp_path):
+    item = {"command": 16, "frame": 3, "params": [0, 0, 0, None], "coordinate": [60.1, -139.5, 2.5]}
+    (tmp_path / "older.plan").write_text(json.dumps({"mission": {"items": [item]}}))
+    assert AutopilotMission.read(tmp_path / "older.plan").items[0].params == (
+        0,
+        0,
+        0,
+        None,
+        60.1,
+        -139.5,
+        2.5,
+    )
+
+
+@pytest.mark.parametrize(
+    "params", [[], [0, 0, 0, 0, 60.1], [0] * 8, [0, 0, 0, 0, "x", 1, 2], [0, 0, 0, 0, float("nan"), 1, 2]]
+)
+def test_a_plan_with_an_item_of_other_numbers_is_refused(tmp_path, params):
+    plan = {"mission": {"items": [{"command": 16, "frame": 3, "params": params}]}}
+    (tmp_path / "odd.plan").write_text(json.dumps(plan))
+    with pytest.raises(InputError, match=r"odd\.plan is damaged or no mission"):
+        AutopilotMission.read(tmp_path / "odd.plan")
+
+
 def test_a_plan_without_waypoints_is_refused(folder):
     plan = {"mission": {"items": [{"command": 178, "frame": 2, "params": [1, 2, -1, 0, 0, 0, 0]}]}}
     (folder / "empty.plan").write_text(json.dumps(plan))

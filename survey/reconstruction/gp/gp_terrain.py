@@ -21,7 +21,7 @@ from affine import Affine
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked, validated
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked, parse_json, validated
 from survey.core.map_scale import scale_factors
 from survey.data import Dem, Grid, SurfacePoints
 from survey.io.arrays_file import read_npz, write_npz
@@ -421,7 +421,9 @@ def read_model(path: str | Path) -> TerrainState:
     """Read what `write_model` wrote, and condition on its points again."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
-        facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
+        facts: dict[str, Any] = parse_json(
+            arrays["facts"].tobytes(), f"the terrain model {path}", "save it again"
+        )
         if facts["format"] != _FORMAT:
             raise InputError(f"{path} has the format {facts['format']!r}; {_FORMAT!r} was expected.")
     except InputError:
