@@ -5,8 +5,7 @@ all of them follow the same rules:
 
 * points that name keyframes, of a path whose error is known, are mapped jointly with it (gp becomes joint), unless
   ``landmark_errors`` says that they count as independent;
-* a joint map takes the prior's cells as measurements; another map is built around the prior, and points beyond its
-  edge are left out;
+* gp, dense and joint take the prior's cells as measurements; points beyond its edge are left out unless the map is joint;
 * gross blunders of the heights are left out and named in the record;
 * heights that contradict one another at one place are named, and no standard deviation there is below their scatter;
 * lines of sight bound the map when ``rays`` is set.
