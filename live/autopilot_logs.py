@@ -16,7 +16,7 @@ import numpy as np
 from pyproj import CRS
 
 from survey import InputError, Recording
-from survey.core import BoolArray, FloatArray, existing_file, projected_crs
+from survey.core import BoolArray, FloatArray, existing_file, projected_crs, refusing_damage
 from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
 
@@ -189,14 +189,8 @@ def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> Autopi
         raise InputError(
             f"{file.name} ends in {file.suffix!r}; one of {', '.join(LOG_ENDINGS)} was expected."
         )
-    try:
+    with refusing_damage(f"the log {file}", "log of the format of its suffix"):
         columns = reader(file)
-    except InputError:
-        raise
-    except Exception as error:  # readers of logs raise errors of many kinds on damaged files
-        raise InputError(
-            f"the log {file} is damaged or not of the format of its ending ({type(error).__name__}: {error}); get it again."
-        ) from error
     return AutopilotLog(*columns.recording(file, crs), columns.flown)
 
 

@@ -19,12 +19,14 @@ from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
 from survey.core import FloatArray
+from survey.data.camera import off_centre_note
 from survey.data.frames import Frames, ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import FORWARD, calibrated_camera, read_calibration
 from vision_slam.readers.datasets import (
     KITTI_IMAGES,
+    RAW_CAMERAS,
     raw_camera_folder,
     read_euroc_sequence,
     read_kitti_raw,
@@ -35,6 +37,7 @@ from vision_slam.readers.gps_files import is_receiver_log, read_gps
 from vision_slam.readers.images import (
     assemble_sequence,
     image_files,
+    is_jpeg,
     read_numbers,
     refuse_cut_off_image,
     refuse_other_sizes,
@@ -97,7 +100,7 @@ def open_recording(
         raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
     lens, lens_notes = (None, ()) if camera is None else read_calibration(camera)
     sequence = _read_images(place, topics, lens, frame_rate_hz)
-    sequence = replace(sequence, notes=(*lens_notes, *sequence.notes))
+    sequence = replace(sequence, notes=(*lens_notes, *_lens_notes(sequence.camera), *sequence.notes))
     if scale_from_m is not None:
         sequence = scale_by_reference(sequence, scale_from_m)
     log = sequence.gps if gps is None else read_gps(gps, columns)
@@ -188,7 +191,12 @@ def _firnline_recording(place: Path) -> RecordedDrive:
             refuse_cut_off_image(file)
         refuse_other_sizes(frames.images.files, camera)
     _refuse_other_units(recording, place)
-    return RecordedDrive(recording)
+    return RecordedDrive(recording, _lens_notes(camera))
+
+
+def _lens_notes(camera: Camera | None) -> tuple[str, ...]:
+    note = None if camera is None else off_centre_note(camera)
+    return () if note is None else (note,)
 
 
 def _refuse_other_units(records: VisionRecords, place: Path) -> None:
@@ -333,7 +341,7 @@ def read_sequence(
         _refuse_rate(place)
     layout = _named_layout(place, camera) if frame_rate_hz is None else None
     if layout is not None:
-        return layout
+        return replace(layout, notes=(*layout.notes, *_unread_folders(place)))
     for inner in (place, place / "images"):
         files = image_files(inner)
         if files:
@@ -343,6 +351,24 @@ def read_sequence(
         f"{place} has no layout that is known (KITTI calib.txt or image_00/data, TUM rgb.txt, EuRoC cam0/data.csv, "
         "or images with times and camera.toml); add frames.csv with the columns time_s,file."
     )
+
+
+# Folders of the layouts: those that are read, and the name of any of a kind.
+_FOLDERS = (
+    ("image_*", (*KITTI_IMAGES, *RAW_CAMERAS)), ("cam?", ("cam0",)), ("imu?", ("imu0",)), ("leica?", ()),
+    ("vicon?", ()), ("velodyne*", ()), ("depth", ()),
+)  # fmt: skip
+
+
+def _unread_folders(place: Path) -> tuple[str, ...]:
+    """Return a note of the folders of a layout that hold other cameras and sensors."""
+    unread: list[str] = []
+    for inner in (place, place / "mav0"):
+        for pattern, read in _FOLDERS:
+            found = sorted(folder.name for folder in inner.glob(pattern) if folder.is_dir())
+            taken = next((name for name in read if name in found), None)
+            unread += [name for name in found if name != taken]
+    return (f"not read: {', '.join(unread)}",) if unread else ()
 
 
 def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
@@ -450,11 +476,13 @@ def read_images(
         times = _at_rate(inner, files, frame_rate_hz)
     camera, camera_note = _camera_of_folder(place, files, photos, camera)
     sequence = assemble_sequence(camera, times.time_s, [files[index] for index in times.order])
-    fixes = photo_fixes(photos, times) if photos else None
+    if not photos and all(map(is_jpeg, files)):
+        photos = checked_photos(files)
+    fixes, left_out = photo_fixes(photos, times) if photos else (None, ())
     return replace(
         sequence,
         gps=None if fixes is None else GpsLog(**fixes._asdict()).without_zero_places(str(inner)),
-        notes=tuple(note for note in (times.note, camera_note, *sequence.notes) if note),
+        notes=tuple(note for note in (times.note, camera_note, *sequence.notes, *left_out) if note),
     )
 
 

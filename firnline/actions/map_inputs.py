@@ -94,7 +94,7 @@ def read_points(request: MapRequest) -> PointInputs:
         notes += (_APART,)
     area = request.read_area(points.crs)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
-    prior = None if options.prior is None else _prior(options.prior, grid)
+    prior = None if options.prior is None else _prior(options.prior, grid, options.units)
     blunders = tuple(found for each in sound for found in each.blunders)
     return PointInputs(drives, grid, area, paths, prior, blunders, notes)
 
@@ -103,7 +103,11 @@ def _sound_points(request: MapRequest, file: Path) -> SoundPoints:
     """Read points without gross blunders of their heights; refuse feet, and far places where no area is named."""
     options = request.options
     points = survey.SurfacePoints.read(
-        file, crs=options.crs, sigma_m=options.sigma_m, columns=parse_columns(options.columns)
+        file,
+        crs=options.crs,
+        sigma_m=options.sigma_m,
+        columns=parse_columns(options.columns, layout=options.layout),
+        units=options.units,
     )
     return sound_points(points, options.value or ELEVATION, has_area=options.area is not None, file=str(file))
 
@@ -140,11 +144,11 @@ def _ground_below(request: MapRequest, file: Path) -> _Ground:
     return _Ground(found.points, found.trajectory, tuple(f"{file}: {note}" for note in drive.notes))
 
 
-def _prior(file: Path, grid: survey.Grid) -> survey.Dem:
+def _prior(file: Path, grid: survey.Grid, units: str | None) -> survey.Dem:
     """Read the prior; of one in degrees, the part about the map, warped to the CRS of the points."""
     if own_crs(file) is None:
-        return read_about(file, grid.bounds, grid.crs, "the prior")
-    return survey.Dem.read(file)
+        return read_about(file, grid.bounds, grid.crs, "the prior", units=units)
+    return survey.Dem.read(file, units=units)
 
 
 def _registered(request: MapRequest, source: Path, path: survey.Trajectory) -> survey.SurfacePoints:

@@ -213,6 +213,7 @@ def _findings(result: survey.Reconstruction) -> list[str]:
         lines.append(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
     lines += [fact_line("note", note) for note in found.get("notes", ())]
     lines += [fact_line("left out", blunder_text(each)) for each in found.get("blunders", ())]
+    lines += [fact_line("warning", each["sentence"]) for each in found.get("contradictions", ())]
     if n_low:
         lines.append(fact_line("left out", f"{n_low} isolated low returns"))
     if offset_m is not None:

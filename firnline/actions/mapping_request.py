@@ -7,6 +7,7 @@ from pathlib import Path
 from pyproj import CRS
 
 import survey
+from firnline.actions.interface import area_if_named
 from firnline.actions.requests import ReconstructRequest
 from survey.core import InputError, Section, projected_crs, validated, with_overrides
 from survey.data.ice_motion import ICE_MOTION
@@ -77,17 +78,17 @@ class MapRequest:
         """Read the scans one after the other, with the poses of the scanner where a file states them."""
         options = self.options
         track = next((SensorPath.read(file) for file in options.trajectories), None)
-        return read_scans(self.scan_files, crs=options.crs, sigma_m=options.sigma_m, track=track)
+        return read_scans(
+            self.scan_files, crs=options.crs, sigma_m=options.sigma_m, track=track, units=options.units
+        )
 
     def area_of_scans(self) -> survey.SurveyArea | None:
         """Return the area to map; scans state their CRS one by one, so that --crs or the area's own counts."""
         options = self.options
-        if options.area is None:
-            return None
-        if options.crs is not None:
+        if options.crs is not None and options.area is not None:
             return self.read_area(projected_crs(options.crs, "the scans"))
-        area = survey.SurveyArea.read(options.area)
-        if not area.crs.is_projected:
+        area = area_if_named(options.area, options, None)
+        if area is not None and not area.crs.is_projected:
             raise InputError(f"{options.area} is in degrees; add --crs with the CRS of the scans.")
         return area
 
@@ -97,10 +98,9 @@ class MapRequest:
 
     def read_area(self, crs: CRS) -> survey.SurveyArea | None:
         """Return the area to map, in the points' CRS."""
-        if self.options.area is None:
-            return None
-        area = survey.SurveyArea.read(self.options.area, crs=crs)
-        area.require_crs(crs, "the points")
+        area = area_if_named(self.options.area, self.options, crs)
+        if area is not None:
+            area.require_crs(crs, "the points")
         return area
 
     def grid_over(self, bounds: tuple[float, float, float, float], crs: CRS) -> survey.Grid:
@@ -125,7 +125,7 @@ def map_request(options: ReconstructRequest) -> MapRequest:
         raise InputError(
             "--product names the class of a prior; add --prior with its file, or leave --product out."
         )
-    parse_columns(options.columns)
+    parse_columns(options.columns, layout=options.layout)
     _refuse_unused(request)
     if options.epoch_s is not None and request.motion_file is None:
         raise InputError(
@@ -195,8 +195,11 @@ def _refuse_unused(request: MapRequest) -> None:
             f"the method {method.name} uses no prior; leave --prior out, or take "
             f"{names_where(m for m in METHODS.values() if m.uses_prior)}."
         )
-    if request.options.columns and (request.is_of_scans or request.is_registered):
-        raise InputError("--columns chooses columns of tables of points, and scans have none; leave it out.")
+    named = request.options.columns or request.options.layout
+    if named and (request.is_of_scans or request.is_registered):
+        raise InputError(
+            "--columns and --format choose columns of tables of points, and scans have none; leave them out."
+        )
     _refuse_paths(request)
     if request.options.ties is not None and len(request.options.trajectories) < 2:
         raise InputError(

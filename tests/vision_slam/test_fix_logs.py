@@ -206,13 +206,3 @@ def test_heights_of_0_are_no_heights(tmp_path: Path) -> None:
     )
     assert code == 3
     assert "heights" in words
-
-
-def test_what_stands_beside_a_track_is_counted(tmp_path: Path) -> None:
-    beside = '<wpt lat="46.5" lon="8.1"/><rte><rtept lat="46.5" lon="8.1"/><rtept lat="46.6" lon="8.1"/></rte><trk>'
-    (tmp_path / "a.gpx").write_text(in_track().replace("<trk>", beside))
-    notes = read_gps(tmp_path / "a.gpx").notes
-    assert notes == (
-        "1 way points beside the track are left out",
-        "2 points of routes beside the track are left out",
-    )

@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from survey.core import ConfigError, FloatArray, InputError, existing_file, first_line, printable
+from survey.core.lengths import log_converted
+from survey.core.time_units import PER_SECOND, declared_unit, plain_unit
 from survey.io.column_names import (
     OWN_NAMES,
     ColumnNames,
@@ -123,10 +125,9 @@ def _kind_of(file: Path) -> str:
 
 def _from_gpx(file: Path) -> GpsLog:
     unix_s, place = read_gpx(file, WGS84)
-    others = {"way points": b"<wpt[ >]", "points of routes": b"<rtept[ >]"}
-    counts = {what: len(re.findall(mark, file.read_bytes())) for what, mark in others.items()}
-    notes = tuple(f"{n} {what} beside the track are left out" for what, n in counts.items() if n)
-    return GpsLog(unix_s, place, is_dated=True, notes=notes)
+    n_apart = len(_APART.findall(file.read_bytes()))
+    notes = (f"{n_apart} points of {file} that stand outside of its tracks (wpt, rtept) are not read",)
+    return GpsLog(unix_s, place, is_dated=True, notes=notes if n_apart else ())
 
 
 def _from_positions(file: Path) -> GpsLog:
@@ -164,15 +165,18 @@ def _from_table(file: Path) -> GpsLog:
     table = read_table(file, names, what="the table of fixes")
     rows = np.column_stack([table[name] for name in names])
     sigma_m = table.get("sigma_m")
+    unread = [name for name in header if name not in (*names, "sigma_m")]
+    notes = (printable(f"{file}: columns that are not used: {', '.join(unread)}"),) if unread else ()
     if sigma_m is not None and not (sigma_m > 0.0).all():
         raise InputError(
             f"{file} holds a sigma_m that is not above 0; write the error of each fix in metres."
         )
     if names is _METRES:
-        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m)
-    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m)
+        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m, notes=notes)
+    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m, notes=notes)
 
 
+_APART = re.compile(rb"<(?:\w+:)?(?:wpt|rtept)[\s>]")
 _SNIFFED_BYTES, _SYNC_WITHIN = 65536, 4096
 _GRAFNAV = "GrafNav"
 _NMEA_FIX = re.compile(r"\$G[A-Z]GGA,")
@@ -189,8 +193,6 @@ _READERS: dict[str, Callable[[Path], GpsLog]] = {
 
 
 KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy", "sigma_z")}
-# Unix times beyond these count nano-, micro- and milliseconds.
-_UNIX_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 _RADII = ("acc",)  # accuracy, hAcc
 _CLOCK = re.compile(r"\d{1,2}:\d{2}:")
 _DAY_FIRST = re.compile(r"^(\d{2})\.(\d{2})\.(\d{4})\b")
@@ -209,7 +211,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     table = table._replace(header=rename_header(table.header, given, table.where))
     names = _column_names(table)
     date = _date_column(table, names["time"])
-    time_s, unit = _column_of_times(table, names["time"], date)
+    time_s, unit = _column_of_times(table, names["time"], given.get("time_s", names["time"]), date)
     is_geodetic = "longitude" in names
     first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
     kinds = (first, second, "height")
@@ -288,7 +290,9 @@ def _unused_columns(table: TextTable, names: dict[str, str]) -> tuple[str, ...]:
 
 
 def _column_in_metres(table: TextTable, name: str, axis: Axis | None = None) -> FloatArray:
-    return metres_factor(name) * table.numbers(name, axis)
+    metres = metres_factor(name)
+    log_converted(f"{table.where}, column {name},", [("numbers", metres)])
+    return metres * table.numbers(name, axis)
 
 
 def _column_of_sigma_m(table: TextTable, names: dict[str, str], given: dict[str, str]) -> FloatArray | None:
@@ -316,15 +320,16 @@ def _date_column(table: TextTable, name: str) -> str | None:
     return one_column("date", table.header, table.where) if _CLOCK.match(table.texts(name)[0]) else None
 
 
-def _column_of_times(table: TextTable, name: str, date: str | None) -> tuple[FloatArray, str]:
-    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds."""
+def _column_of_times(table: TextTable, name: str, given: str, date: str | None) -> tuple[FloatArray, str]:
+    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds.
+
+    `given`: its name in the file, which may state a unit.
+    """
     if table.is_number(name, 0):
         numbers = table.numbers(name)
         refuse_clock_numbers(numbers, f"{table.where}, column {name}")
-        for least, factor, word in _UNIX_UNITS:
-            if numbers[0] > least:
-                return factor * numbers, f", times are Unix {word}"
-        return numbers, ""
+        unit = declared_unit(given) or plain_unit(numbers)
+        return (numbers, "") if unit is None else (numbers / PER_SECOND[unit], f", times are {unit}")
     days = ("",) * len(table.rows) if date is None else table.texts(date)
     return _column_of_dates(table, name, days), ", times are dates"
 

@@ -15,6 +15,7 @@ from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
 from survey.core import UNSTATED, BoolArray, FloatArray, IntArray, checked, projected_crs
+from survey.core.time_units import refuse_other_unit
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.frames import Frames
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
@@ -64,6 +65,7 @@ def usable(
     bad = np.flatnonzero(~np.isfinite(time_s))
     if len(bad):
         raise InputError(f"{where}: the time of fix {bad[0] + 1} is no finite number; correct or remove it.")
+    refuse_other_unit(time_s, f"{where}: the times of the fixes")
     values = place if sigma_m is None else np.column_stack([place, sigma_m])
     stays: BoolArray = np.asarray(np.isfinite(values).all(axis=1), dtype=np.bool_)
     n_not_finite = int((~stays).sum())
@@ -163,9 +165,9 @@ class GpsLog:
         )
 
     def without_zero_places(self, where: str) -> "GpsLog":
-        """Leave out fixes at longitude and latitude 0, which receivers write before they have a fix; note how many.
+        """Leave out fixes at longitude and latitude 0, or at a height of 0 among others, which stand for none; note how many.
 
-        Returns: the same log where no fix is at exactly 0, 0; places in metres stay as they are.
+        Returns: the same log where no fix is at exactly 0, 0, nor at a height of 0 between fixes beyond 10 m.
 
         >>> log = GpsLog(np.arange(3.0), np.array([[0.0, 0.0, 0.0], [8.1, 46.5, 5.0], [8.2, 46.5, 5.0]]))
         >>> len(log.without_zero_places("log.csv").time_s)
@@ -174,15 +176,44 @@ class GpsLog:
         is_zero = self.is_geodetic & (self.place[:, :2] == 0.0).all(axis=1)
         n = int(is_zero.sum())
         if n == 0:
-            return self
+            return self._without_zero_heights(where)
         if n == len(is_zero):
             raise InputError(
                 f"{where} holds {n} fixes, all at longitude and latitude 0, as receivers write them before they have a fix; "
                 "record again once there is one."
             )
-        note = f"{n} fixes at longitude and latitude 0 are left out"
+        return self._without(
+            is_zero, f"{n} fixes at longitude and latitude 0 are left out", where
+        )._without_zero_heights(where)
+
+    def _without_zero_heights(self, where: str) -> "GpsLog":
+        is_zero = _stands_for_none(self.place[:, 2])
+        if is_zero.any():
+            note = f"{int(is_zero.sum())} fixes at a height of 0 m among others beyond {_FAR_FROM_ZERO_M:g} m are left out"
+            return self._without(is_zero, note, where)
+        if self.is_geodetic and not self.place[:, 2].any():
+            note = "all heights of the fixes are 0, as those write who know none: heights of path and map count from there"
+            return replace(self, notes=(*self.notes, note))
+        return self
+
+    def _without(self, is_left_out: BoolArray, note: str, where: str) -> "GpsLog":
         logger.info("%s: %s", where, note)
-        return replace(self.select(~is_zero), notes=(*self.notes, note))
+        return replace(self.select(~is_left_out), notes=(*self.notes, note))
+
+
+_FAR_FROM_ZERO_M = 10.0
+
+
+def _stands_for_none(height_m: FloatArray) -> BoolArray:
+    """Return which heights (N,) are exactly 0 though the ones before and after that are not 0 lie far from it."""
+    is_zero: BoolArray = height_m == 0.0
+    others = np.flatnonzero(~is_zero)
+    if not len(others):
+        return ~is_zero
+    after = np.searchsorted(others, np.arange(len(height_m)))
+    nearest = [others[np.clip(after - k, 0, len(others) - 1)] for k in (0, 1)]
+    far: BoolArray = np.min([np.abs(height_m[near]) for near in nearest], axis=0) > _FAR_FROM_ZERO_M
+    return is_zero & far
 
     def without_zero_heights(self) -> "GpsLog":
         """Leave out fixes with a height of exactly 0 among others that lie far from it, as programs write one for a missing height.

@@ -46,7 +46,8 @@ EngineName = Literal["gp", "dense"]
 Engine = Literal["dense", "fourier", "tiled", "local"]
 """The engine that was chosen."""
 # Up to this many points the dense factorization is the cheaper one: about 450 at a length scale of 18 m on 600 × 600 m.
-_N_DENSE = 400
+# With few nodes it is for more: their number times the square of that of the points, and the most points.
+_N_DENSE, _DENSE_WORK, _MOST_DENSE = 400, 3e10, 2500
 # Means with a larger estimate do not converge. Measured on squared exponentials, Matérn kernels and sums, with 450 to
 # 30,000 points at random and on swaths: those that converged had estimates up to 7e4, because few points converge
 # earlier than the bound.
@@ -58,7 +59,8 @@ class EngineTask(NamedTuple):
 
     `xy` (N, 2) [m], `noise_m2` (N,) [m²]: places and noise variances of the points. `site` (xmin, ymin, xmax, ymax):
     extent of map and points [m]. `tolerance_m`: largest error of the mean that the waves may add [m]. `memory_mb`:
-    memory that the covariance of the waves may take [MB].
+    memory that the covariance of the waves may take [MB]. `n_nodes`: number of nodes of the map, None where it is
+    not known.
     """
 
     kernel: Kernel
@@ -67,6 +69,7 @@ class EngineTask(NamedTuple):
     site: Bounds
     tolerance_m: float
     memory_mb: float
+    n_nodes: int | None = None
 
     @property
     def limits(self) -> dict[str, float]:
@@ -97,6 +100,10 @@ class EngineChoice(NamedTuple):
         return {"reason": self.reason, "needed_mb": self.needed_mb}
 
 
+class DividedSiteError(Exception):
+    """A site that one solve does not hold, where only one solve is of use."""
+
+
 class Conditioned(NamedTuple):
     """A process conditioned on points, and the choice of its engine."""
 
@@ -107,9 +114,10 @@ class Conditioned(NamedTuple):
 def choose_engine(task: EngineTask, *, is_dense: bool = False) -> EngineChoice:
     """Choose the engine by what each would need; `is_dense` states the dense one."""
     n = len(task.xy)
-    if is_dense or n <= _N_DENSE:
-        reason = "the dense engine was stated" if is_dense else f"there are no more than {_N_DENSE} points"
-        return EngineChoice("dense", reason, dense_mb(n))
+    is_little_work = task.n_nodes is not None and n <= _MOST_DENSE and n**2 * task.n_nodes <= _DENSE_WORK
+    if is_dense or n <= _N_DENSE or is_little_work:
+        few = f"there are no more than {_N_DENSE} points" if n <= _N_DENSE else f"{n} points have few nodes"
+        return EngineChoice("dense", "the dense engine was stated" if is_dense else few, dense_mb(n))
     resolution = resolve_for_points(task.kernel, task.site, task.xy, task.noise_m2, **task.limits)
     if resolution is None:
         return choose_divided(task, f"the waves of the site do not fit {task.memory_mb:g} MB")
@@ -190,11 +198,16 @@ def fit_process(
     trend: TrendName,
     config: GaussianProcessConfig,
     progress: Progress | None = None,
+    n_nodes: int | None = None,
+    may_divide: bool = True,
 ) -> Conditioned:
-    """Condition on points with the dense engine, or with the one that the size of the task demands."""
+    """Condition on points with the dense engine, or with the one that the size of the task demands.
+
+    Raise `DividedSiteError` for a task that needs parts unless `may_divide`.
+    """
     data = NoisyValues.of(xy, values, sigma_m)
     task = EngineTask(
-        kernel, data.xy, data.noise_m2, data.extent(bounds), config.tolerance_m, config.memory_mb
+        kernel, data.xy, data.noise_m2, data.extent(bounds), config.tolerance_m, config.memory_mb, n_nodes
     )
     choice = choose_engine(task, is_dense=engine == "dense")
     points = xy, values, sigma_m, kernel
@@ -209,6 +222,8 @@ def fit_process(
         if one.has_converged:
             return Conditioned(one, choice)
         choice = choose_divided(task, "the mean of the site's waves did not converge")
+    if not may_divide:
+        raise DividedSiteError
     if choice.engine == "tiled":
         tiled = TiledGaussianProcess.fit(
             *points,

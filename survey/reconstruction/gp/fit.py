@@ -30,9 +30,12 @@ from survey.core import (
 )
 from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
+from survey.reconstruction.gp.averaged_process import AveragedProcess
+from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, fit_process
-from survey.reconstruction.gp.engines.regression import Process
+from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName
+from survey.reconstruction.gp.engines.regression import NoisyValues, Process
+from survey.reconstruction.gp.kernel_average import averaged_kernels
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
 from survey.reconstruction.observations import (
@@ -42,6 +45,7 @@ from survey.reconstruction.observations import (
     distrusted,
     variance_through_slope,
 )
+from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.terrain_map import CHECK, ELEVATION, UNSEEN, support_codes
 
 # Shares of the points that are left out: in all discs, at most in one of the widest, and one by one.
@@ -229,6 +233,14 @@ class Learned:
         none = Outliers(np.zeros(0, dtype=np.int64), np.zeros(0))
         return cls(*conditioned, mean, hyperparameters, SigmaCalibration.none(), none)
 
+    @property
+    def own_noise_m2(self) -> FloatArray:
+        """Noise variances of the points (N,) [m²], without that of relief too fine to be mapped."""
+        nugget_m2 = self.hyperparameters.nugget_m**2
+        if isinstance(self.process, AveragedProcess):
+            nugget_m2 = float(self.process.nuggets_m2[0])
+        return self.process.data.noise_m2 - nugget_m2
+
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""
         return self.process.predict(xy)[0] + self.mean.at(xy)
@@ -301,6 +313,7 @@ class Learned:
         check = self.calibration.held_out.get(CHECK)
         return {
             **({} if check is None else {CHECK: check}),
+            **self.process.facts(),
             "n_points": len(self.process.data),
             "n_points_beyond_reach": self.n_beyond_reach,
             "outliers": self.outliers.facts(),
@@ -350,7 +363,11 @@ _N_GAPS = 41
 
 @dataclass(frozen=True)
 class TerrainFit:
-    """Assumptions of a fit: settings, expected surface, engine, quantity, site, and a progress callback."""
+    """Assumptions of a fit: settings, expected surface, engine, quantity, site, and a progress callback.
+
+    `errors`: error model of a prior whose cells are measurements; without it the prior is the mean. `n_nodes`: number of
+    nodes of the map, None where it is not known.
+    """
 
     config: GaussianProcessConfig
     prior: Dem | Mean | None
@@ -358,6 +375,8 @@ class TerrainFit:
     quantity: str
     bounds: Bounds | None
     progress: Progress | None
+    errors: PriorErrors | None = None
+    n_nodes: int | None = None
 
     def near(self, points: SurfacePoints) -> BoolArray:
         """Return which points (N,) can matter to the site, and refuse fewer than three."""
@@ -404,7 +423,9 @@ class TerrainFit:
         if isinstance(self.prior, Dem):
             same_crs(self.prior.crs, points.crs, "the prior and the points")
             same_vertical_datum(self.prior.vertical_datum, points.vertical_datum, "the prior and the points")
-            return DemMean(self.prior, self.config.prior_interpolation)
+            if self.errors is None:
+                return DemMean(self.prior, self.config.prior_interpolation)
+            return ConstantMean(0.0)
         return self.prior or ConstantMean(0.0)
 
     def _learn(
@@ -413,24 +434,39 @@ class TerrainFit:
         """Return the conditioned process and its hyperparameters."""
         residual = data.z - mean.at(data.xy)
         found = self._hyperparameters(data, residual, variance)
-        return self._condition(data.xy, residual, variance, found), found
+        conditioned = self._condition(data.xy, residual, variance, found)
+        if isinstance(conditioned.process, AveragedProcess):
+            found = replace(found, nugget_m=conditioned.process.nugget_m)
+        return conditioned, found
 
     def _hyperparameters(
         self, data: Observations, residual: FloatArray, variance: FloatArray
     ) -> Hyperparameters:
+        if self.config.fit and self.config.family == "auto" and self.config.kernel is None:
+            return averaged_kernels(
+                data.xy, residual, variance, has_plane=self._has_plane, nugget_m=self.config.nugget_m
+            )
         if self.config.fit:
-            found = likeliest(data.xy, self._detrend(data.xy, residual), variance, self.config)
-        else:
-            family = stated_family(self.config)
-            found = Hyperparameters(family, self.config.stated_kernel(), self.config.nugget_m or 0.0, 0.0)
+            return likeliest(data.xy, self._detrend(data.xy, residual), variance, self.config)
+        family = stated_family(self.config)
+        found = Hyperparameters(family, self.config.stated_kernel(), self.config.nugget_m or 0.0, 0.0)
         if isinstance(self.prior, Dem) and self.config.prior_sigma_m:
             kernel = with_prior_error(found.kernel, self.prior.step_m, self.config.prior_sigma_m)
             return replace(found, kernel=kernel)
         return found
 
+    @property
+    def _has_mean(self) -> bool:
+        """Whether the prior is the mean of the process; its cells are not when their errors are stated."""
+        return self.prior is not None and self.errors is None
+
+    @property
+    def _has_plane(self) -> bool:
+        return not self._has_mean and self.config.mean == "plane"
+
     def _detrend(self, xy: FloatArray, residual: FloatArray) -> FloatArray:
         """Subtract a plane where one is part of the mean, so that it is not taken for a length scale."""
-        if self.prior is not None or self.config.mean == "constant":
+        if not self._has_plane:
             return residual
         columns = np.column_stack([np.ones(len(xy)), xy - xy.mean(axis=0)])
         detrended: FloatArray = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
@@ -444,23 +480,27 @@ class TerrainFit:
         found: Hyperparameters,
         bounds: Bounds | None = None,
     ) -> Conditioned:
-        if (
-            self.prior is None
-            and self.config.mean == "plane"
-            and Observations(xy, residual, variance).on_one_line()
-        ):
+        if self._has_plane and Observations(xy, residual, variance).on_one_line():
             raise InputError("the points lie on one line and determine no plane; take mean = constant.")
-        return fit_process(
-            self.engine,
-            found.kernel,
-            xy,
-            residual,
-            np.sqrt(variance + found.nugget_m**2),
-            bounds=bounds or self.bounds,
-            trend=self.config.trend(has_prior=self.prior is not None),
-            config=self.config,
-            progress=self.progress,
+        return condition_all(
+            ConditioningTask(
+                self.engine,
+                self.config,
+                bounds or self.bounds,
+                self.config.trend(has_prior=self._has_mean),
+                self._measurements,
+                self.n_nodes,
+                self.progress,
+            ),
+            found,
+            NoisyValues.of(xy, residual, np.sqrt(variance)),
         )
+
+    @property
+    def _measurements(self) -> PriorMeasurements | None:
+        if self.errors is None or not isinstance(self.prior, Dem):
+            return None
+        return PriorMeasurements(self.prior, self.errors)
 
     def _has_slope_errors(self, points: SurfacePoints) -> bool:
         """Return whether points carry x-y uncertainty to the height."""

@@ -21,13 +21,15 @@ from affine import Affine
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked, validated
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked, parse_json, validated
 from survey.core.map_scale import scale_factors
 from survey.data import Dem, Grid, SurfacePoints
 from survey.io.arrays_file import read_npz, write_npz
+from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import EngineName, fit_process
-from survey.reconstruction.gp.families import kernel_of
+from survey.reconstruction.gp.engine_choice import EngineName
+from survey.reconstruction.gp.engines.regression import NoisyValues
+from survey.reconstruction.gp.families import kernel_facts, kernel_from
 from survey.reconstruction.gp.fit import (
     MOST_AT_ONCE,
     Learned,
@@ -35,9 +37,10 @@ from survey.reconstruction.gp.fit import (
     TerrainFit,
     steepness_on_axes,
 )
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
-from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, WeightedKernel
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.observations import Observations, Outliers
+from survey.reconstruction.prior import ErrorScale, PriorErrors
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_fitted
 
@@ -156,7 +159,8 @@ class GaussianProcessTerrain(TerrainModel):
     by generalised least squares. `engine`: the fast engine or the dense one. `quantity`: what is mapped, with
     its unit. `bounds` (xmin, ymin, xmax, ymax): extent of later predictions [m]; the points' extent by
     default. Points farther from it than its diagonal are not used, and their number is reported. `watch`:
-    progress of a map in tiles; with it the expected time of a large map is logged beforehand. `learned_`:
+    progress of a map in tiles; with it the expected time of a large map is logged beforehand. `errors`: error model
+    of the prior; with it the prior's cells are measurements, and without it the prior is exact. `learned_`:
     state of a fitted model. `vertical_datum_`: vertical datum of the points of a fitted model.
 
     The terrain is taken to be equally rough everywhere. Errors that points share, such
@@ -179,6 +183,7 @@ class GaussianProcessTerrain(TerrainModel):
     quantity: str = ELEVATION
     bounds: Bounds | None = None
     watch: MapWatch | None = field(default=None, compare=False, repr=False)
+    errors: PriorErrors | None = None
     learned_: Learned | None = field(default=None, repr=False)
     vertical_datum_: str = UNSTATED
 
@@ -303,6 +308,8 @@ class GaussianProcessTerrain(TerrainModel):
             self.bounds,
             self.vertical_datum_,
             self._known,
+            self.errors,
+            self._fit.n_nodes,
         )
         write_model(path, state)
 
@@ -310,7 +317,9 @@ class GaussianProcessTerrain(TerrainModel):
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote; the factorization is done again, to the same numbers."""
         state = read_model(path)
-        model = cls(state.config, state.prior, state.engine, state.quantity, state.bounds)
+        model = cls(
+            state.config, state.prior, state.engine, state.quantity, state.bounds, errors=state.errors
+        )
         return replace(model, learned_=state.learned, vertical_datum_=state.vertical_datum)
 
     @property
@@ -322,7 +331,17 @@ class GaussianProcessTerrain(TerrainModel):
     @property
     def _fit(self) -> TerrainFit:
         progress = None if self.watch is None else self.watch.progress
-        return TerrainFit(self.config, self.prior, self.engine, self.quantity, self.bounds, progress)
+        n_nodes = None if self.watch is None else self.watch.grid.shape[0] * self.watch.grid.shape[1]
+        return TerrainFit(
+            self.config,
+            self.prior,
+            self.engine,
+            self.quantity,
+            self.bounds,
+            progress,
+            self.errors,
+            n_nodes,
+        )
 
     def _announce(self, learned: Learned, learning_s: float) -> None:
         """Log the expected time of a large map."""
@@ -330,7 +349,7 @@ class GaussianProcessTerrain(TerrainModel):
             self.watch.announce(learned, learning_s)
 
 
-_FORMAT = "firnline terrain model 1"
+_FORMAT = "firnline terrain model 2"
 
 
 class TerrainState(NamedTuple):
@@ -343,6 +362,8 @@ class TerrainState(NamedTuple):
     bounds: Bounds | None
     vertical_datum: str
     learned: Learned
+    errors: PriorErrors | None = None
+    n_nodes: int | None = None
 
 
 def write_model(path: str | Path, model: TerrainState) -> None:
@@ -351,8 +372,7 @@ def write_model(path: str | Path, model: TerrainState) -> None:
     arrays: dict[str, Any] = {
         "xy": known.process.data.xy,
         "values": known.process.data.values,
-        "noise_m2": known.process.data.noise_m2,
-        "log_parameters": known.process.kernel.log_parameters,
+        "noise_m2": known.own_noise_m2,
         "calibration": np.stack([known.calibration.distance_m, known.calibration.scale]),
         "outlier_rows": known.outliers.index,
         "outlier_z": known.outliers.z,
@@ -367,6 +387,11 @@ def write_model(path: str | Path, model: TerrainState) -> None:
         "family": known.hyperparameters.family,
         "nugget_m": known.hyperparameters.nugget_m,
         "log_likelihood": known.hyperparameters.log_likelihood,
+        "kernels": [
+            one._asdict() | {"kernel": kernel_facts(one.kernel)} for one in known.hyperparameters.kernels
+        ],
+        "n_nodes": model.n_nodes,
+        "errors": None if model.errors is None else model.errors._asdict(),
         "held_out": known.calibration.held_out,
         "treatment": known.outliers.treatment,
         "n_beyond_reach": known.n_beyond_reach,
@@ -393,10 +418,12 @@ def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, 
 
 
 def read_model(path: str | Path) -> TerrainState:
-    """Read what `write_model` wrote, and fit_process on its points again."""
+    """Read what `write_model` wrote, and condition on its points again."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
-        facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
+        facts: dict[str, Any] = parse_json(
+            arrays["facts"].tobytes(), f"the terrain model {path}", "save it again"
+        )
         if facts["format"] != _FORMAT:
             raise InputError(f"{path} has the format {facts['format']!r}; {_FORMAT!r} was expected.")
     except InputError:
@@ -409,45 +436,44 @@ def read_model(path: str | Path) -> TerrainState:
 def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
     config = validated(GaussianProcessConfig, facts["config"], "the terrain model's settings")
     prior = _prior_of(facts, arrays)
-    found = _hyperparameters(arrays, facts, config, prior)
-    conditioned = fit_process(
+    found = _hyperparameters(facts)
+    errors = _errors(facts["errors"])
+    measured = PriorMeasurements(prior, errors) if errors and isinstance(prior, Dem) else None
+    task = ConditioningTask(
         facts["engine"],
-        found.kernel,
-        arrays["xy"],
-        arrays["values"],
-        np.sqrt(arrays["noise_m2"]),
-        bounds=tuple(facts["bounds"]) if facts["bounds"] else None,
-        trend=config.trend(has_prior=prior is not None),
-        config=config,
+        config,
+        tuple(facts["bounds"]) if facts["bounds"] else None,
+        config.trend(has_prior=prior is not None and measured is None),
+        measured,
+        facts["n_nodes"],
     )
-    mean = (
-        DemMean(prior, config.prior_interpolation) if isinstance(prior, Dem) else prior or ConstantMean(0.0)
-    )
+    data = NoisyValues(arrays["xy"], arrays["values"][:, None], arrays["noise_m2"])
+    conditioned = condition_all(task, found, data)
+    mean: Mean = prior if isinstance(prior, ConstantMean) else ConstantMean(0.0)
+    if isinstance(prior, Dem) and measured is None:
+        mean = DemMean(prior, config.prior_interpolation)
     distance, scale = arrays["calibration"]
     calibration = SigmaCalibration(distance, scale, facts["held_out"])
     outliers = Outliers(arrays["outlier_rows"], arrays["outlier_z"], facts["treatment"])
     learned = Learned(*conditioned, mean, found, calibration, outliers, facts["n_beyond_reach"])
     bounds = tuple(facts["bounds"]) if facts["bounds"] else None
     return TerrainState(
-        config, prior, facts["engine"], facts["quantity"], bounds, facts["vertical_datum"], learned
+        config, prior, facts["engine"], facts["quantity"], bounds, facts["vertical_datum"], learned, errors
     )
 
 
-def _hyperparameters(
-    arrays: dict[str, Any], facts: dict[str, Any], config: GaussianProcessConfig, prior: Dem | Mean | None
-) -> Hyperparameters:
-    shape = config.kernel or kernel_of(
-        facts["family"],
-        1.0,
-        1.0,
-        anisotropy=config.anisotropy,
-        angle_deg=config.angle_deg,
-        shape=config.shape,
+def _hyperparameters(facts: dict[str, Any]) -> Hyperparameters:
+    kernels = [WeightedKernel(**one | {"kernel": kernel_from(one["kernel"])}) for one in facts["kernels"]]
+    return Hyperparameters(
+        facts["family"], kernels[0].kernel, facts["nugget_m"], facts["log_likelihood"], average=tuple(kernels)
     )
-    if isinstance(prior, Dem) and config.prior_sigma_m:
-        shape = with_prior_error(shape, prior.step_m, config.prior_sigma_m)
-    kernel = shape.with_log_parameters(arrays["log_parameters"])
-    return Hyperparameters(facts["family"], kernel, facts["nugget_m"], facts["log_likelihood"])
+
+
+def _errors(facts: dict[str, Any] | None) -> PriorErrors | None:
+    if facts is None:
+        return None
+    scales = {name: ErrorScale(*facts[name]) for name in ("white", "correlated")}
+    return PriorErrors(**facts | scales)
 
 
 def _prior_of(facts: dict[str, Any], arrays: dict[str, Any]) -> Dem | ConstantMean | None:

@@ -10,7 +10,7 @@ with ``s² = (h_a / l_a)² + (h_b / l_b)²`` and ``q² = (l_a ω_a)² + (l_b ω_
 anisotropy``.  The spectral density is that of two dimensions and of the angular frequency,
 ``k(h) = (2π)⁻² ∫ S(ω) cos(ωᵀh) d²ω``, so that its integral over the plane is ``(2π)² v`` [m⁴].
 
-The functions are the rational quadratic, the squared exponential and three of Matérn's class; `KINDS` lists them by the
+The functions are the rational quadratic, the squared exponential and four of Matérn's class; `KINDS` lists them by the
 name of their family.
 
 Formulae: Rasmussen and Williams, *Gaussian Processes for Machine Learning* (2006), section 4.2.
@@ -545,7 +545,35 @@ class Whittle(_Matern):
         return correlation
 
 
+@dataclass(frozen=True)
+class Exponential(_Matern):
+    r"""Matérn covariance with ν = 1/2: fields without a derivative, like blocks and broken ice.
+
+    .. math::  k(h) = v \exp(-s), \qquad S(\omega) = 2 \pi v \, l_a l_b (1 + q^2)^{-3/2}
+
+    Parameters are those of `SquaredExponential`.
+
+    Its spectrum decays slowly: waves that the Fourier engine leaves out count as noise. Neither planner nor kernel search
+    take it.
+
+    >>> Exponential(4.0, 25.0).covariance_of_lag(np.array([[0.0, 0.0], [25.0, 0.0]]))
+    array([4.     , 1.47152])
+    """
+
+    family: ClassVar = "exponential"
+
+    @property
+    def smoothness(self) -> float:
+        """The smoothness ν."""
+        return 0.5
+
+    def _correlation(self, s2: FloatArray) -> FloatArray:
+        correlation: FloatArray = np.exp(-np.sqrt(s2))
+        return correlation
+
+
 KINDS: dict[str, type[Stationary]] = {
-    kind.family: kind for kind in (SquaredExponential, Matern52, Matern32, Whittle, RationalQuadratic)
+    kind.family: kind
+    for kind in (SquaredExponential, Matern52, Matern32, Whittle, Exponential, RationalQuadratic)
 }
 """Covariance functions by the name of their family, the smoothest first; a new one is a class and its name here."""

@@ -8,6 +8,7 @@ with that kernel would claim no error. `likeliest` and `comparison` fit several 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -90,15 +91,33 @@ _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 
 
+class WeightedKernel(NamedTuple):
+    """A kernel, the relief too fine to be mapped [m], the log posterior at its maximum, and its weight."""
+
+    kernel: Kernel
+    nugget_m: float
+    log_posterior: float
+    weight: float = 1.0
+
+
 @dataclass(frozen=True)
 class Hyperparameters:
-    """A covariance function, the relief too fine to be mapped [m], and the log likelihood that chose them."""
+    """A covariance function, the relief too fine to be mapped [m], and the log likelihood that chose them.
+
+    `average`: kernels of an average, the heaviest first; empty for one kernel.
+    """
 
     family: KernelFamily
     kernel: Kernel
     nugget_m: float
     log_likelihood: float
     n_points: float = 1
+    average: tuple[WeightedKernel, ...] = ()
+
+    @property
+    def kernels(self) -> list[WeightedKernel]:
+        """Kernels with their weights, the heaviest first."""
+        return list(self.average) or [WeightedKernel(self.kernel, self.nugget_m, self.log_likelihood)]
 
     @property
     def score(self) -> float:
@@ -143,7 +162,7 @@ class KernelFit:
         landform_share: float = 0.0,
     ) -> "KernelFit":
         """Take some of the points; the longest scale has a least share of their extent."""
-        part = _well_spread(xy, n_most)
+        part = well_spread(xy, n_most)
         together = None if shared is None else shared(part)
         few = cls.of(xy[part], values[part], noise_m2[part], nugget_m, together)
         return replace(few, landform_share=landform_share)
@@ -337,7 +356,7 @@ def _stretched(kernel: Kernel, angle_deg: float) -> Kernel:
     return Sum(*parts)
 
 
-def _well_spread(xy: FloatArray, n_most: int) -> IntArray:
+def well_spread(xy: FloatArray, n_most: int) -> IntArray:
     """Return the indices of some points: half spread at random, half in clusters of neighbours; always the same."""
     if len(xy) < 3:
         raise InputError(f"{len(xy)} points are too few for a covariance; give more, or set fit = false.")
@@ -448,7 +467,7 @@ def with_landforms(
     few = comparison(xy, values, noise_m2, config, shared)
     more = comparison(xy, values, noise_m2, config, shared, n_most=N_SEARCHED)
     fitted = [few.fit(family, config) for family in _families(config, candidates)]
-    if config.family == "auto" and config.kernel is None and _are_wide(xy):
+    if config.family == "auto" and config.kernel is None and are_wide(xy):
         fitted += [few.turned(found) for found in fitted if found.family in _TURNED]
     first = sorted((few.counted(found) for found in fitted), key=_score, reverse=True)[:_N_REFINED]
     if len(more.values) > len(few.values):
@@ -471,7 +490,7 @@ def comparison(
     )
 
 
-def _are_wide(xy: FloatArray) -> bool:
+def are_wide(xy: FloatArray) -> bool:
     """Return whether points are at least half as wide as they are long."""
     longest, widest = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
     return bool(widest >= _LEAST_WIDTH * longest)

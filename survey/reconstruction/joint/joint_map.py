@@ -23,6 +23,7 @@ from survey.reconstruction.gp.engines.fourier_basis import (
 )
 from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.gp.satellite_cells import SatelliteCells, prior_cells
 from survey.reconstruction.joint.kernel_choice import (
     ChosenKernel,
     PlaneResiduals,
@@ -32,7 +33,6 @@ from survey.reconstruction.joint.kernel_choice import (
     probable,
 )
 from survey.reconstruction.joint.normal_equations import JointPosterior, JointSystem, cell_rows, point_rows
-from survey.reconstruction.joint.satellite_cells import SatelliteCells, prior_cells
 from survey.reconstruction.joint.shared_errors import (
     LandmarkErrors,
     PlaceError,

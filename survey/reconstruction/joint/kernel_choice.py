@@ -33,19 +33,12 @@ from survey.reconstruction.gp.marginal_likelihood import (
     stated_family,
     with_landforms,
 )
+from survey.reconstruction.gp.satellite_cells import SatelliteCells, StatedLevel, judge_cells
 from survey.reconstruction.joint.normal_equations import TerrainPosterior
-from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_errors import LandmarkErrors, SharedError
 from survey.reconstruction.observations import variance_through_slope
 from survey.reconstruction.prior import PriorErrors
-from survey.reconstruction.prior_likelihood import (
-    Innovations,
-    Level,
-    conflicts,
-    level,
-    likeliest_sizes,
-    misfit_log_likelihood,
-)
+from survey.reconstruction.prior_likelihood import misfit_log_likelihood
 
 CANDIDATES: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from: landforms are smooth, the relief underfoot is not.
@@ -220,9 +213,6 @@ _WITHIN_NATS = 40.0
 # Kernels that points make less likely than the best by more than this are no part of an average, nor are those of a
 # probability below the share.
 _PROBABLE_NATS, _LEAST_WEIGHT = 3.0, 0.02
-# The level of a prior that contradicts the points has this standard deviation, in offsets. Its stated level is left out
-# where it is less probable than the share.
-_FREE_LEVEL, _LEAST_LEVEL = 10.0, 0.005
 
 
 @dataclass(frozen=True)
@@ -263,13 +253,6 @@ def probable(
     return [kernels[k] for k in kept], weights[kept] / weights[kept].sum()
 
 
-class StatedLevel(NamedTuple):
-    """Cells whose level contradicts the points, as their error model has it, and the probability that it holds."""
-
-    cells: SatelliteCells
-    probability: float
-
-
 class ChosenKernel(NamedTuple):
     """Hyperparameters, the cells with the sizes of their errors, and conflicts of prior and points."""
 
@@ -294,25 +277,6 @@ def choose_kernel(alone: PointsOnly, cells: SatelliteCells, errors: PriorErrors)
 def _judge(
     found: Hyperparameters, cells: SatelliteCells, errors: PriorErrors, alone: PointsOnly
 ) -> ChosenKernel:
-    """Estimate the sizes of the cells' errors from a kernel's map, with a free level where prior and points disagree."""
-    expected, covariance = alone.terrain(found).cell_means(cells)
-    innovations = cells.innovations(expected, covariance)
-    sized, stated = cells.with_sizes(likeliest_sizes(innovations, errors)), None
-    height = _level(innovations, sized, errors)
-    if height.is_conflict:
-        free = cells.with_free_level(_FREE_LEVEL * abs(height.offset_m))
-        innovations, exact = free.innovations(expected, covariance), errors._replace(level_log_sd=0.0)
-        sized = free.with_sizes(likeliest_sizes(innovations, exact))
-        probability = _level(innovations, sized, errors).probability
-        if probability >= _LEAST_LEVEL:
-            stated = StatedLevel(cells.with_sizes(sized.sizes), probability)
-    total = innovations._replace(covariance=innovations.with_level + sized.covariance)
-    used = 0.0 if stated is None else stated.probability
-    found_conflicts = conflicts(height, total, sized.sizes.white_m, errors.white, used)
-    return ChosenKernel(found, sized, found_conflicts, stated)
-
-
-def _level(innovations: Innovations, cells: SatelliteCells, errors: PriorErrors) -> Level:
-    """Return the offset of the cells from the points, with the errors that the cells have in their sizes."""
-    own = innovations._replace(covariance=innovations.covariance + cells.covariance)
-    return level(own, errors.level_sigma_m)
+    """Estimate the sizes of the cells' errors from a kernel's map."""
+    judged = judge_cells(cells, errors, *alone.terrain(found).cell_means(cells))
+    return ChosenKernel(found, judged.cells, judged.conflicts, judged.stated)

@@ -30,7 +30,7 @@ from survey.data.path_error import SparseFactor
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.fourier_weights import PointSums, WeightPosterior, precision
 from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend
-from survey.reconstruction.joint.satellite_cells import SatelliteCells
+from survey.reconstruction.gp.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_errors import LandmarkErrors, SharedError, side_by_side
 
 

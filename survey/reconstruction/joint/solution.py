@@ -33,9 +33,9 @@ from survey.reconstruction.checks import HeldOut, HeldOutGroups, PredictiveCheck
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.regression import PolynomialTrend
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.gp.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.drives import PathCorrection
 from survey.reconstruction.joint.normal_equations import JointPosterior, TerrainPosterior, unit_rows
-from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_errors import LandmarkErrors, SharedError, side_by_side
 from survey.reconstruction.terrain_map import CHECK, CLAIM, ELEVATION, Reconstruction, support_codes
 
@@ -277,13 +277,7 @@ class JointSolution:
             **({} if self.stated is None else {"prior_level_probability": self.stated.probability}),
         }
         value, covariance = self._estimated(self._n_shared - len(cells.common), len(cells.common))
-        for k, one in enumerate(cells.common):
-            facts[f"satellite_{one.name}"] = float(value[k])
-            facts[f"satellite_{one.name}_sigma"] = float(np.sqrt(covariance[k, k]))
-        offsets = [k for k, one in enumerate(cells.common) if one.is_offset]
-        if offsets:
-            facts["satellite_offset_m"] = float(value[offsets].sum())
-            facts["satellite_offset_m_sigma"] = float(np.sqrt(covariance[np.ix_(offsets, offsets)].sum()))
+        facts |= cells.common_facts(value, covariance)
         return facts
 
     @property

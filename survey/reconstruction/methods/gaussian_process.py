@@ -7,19 +7,20 @@ prior's estimated errors first. Every map that was not divided into tiles claims
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from survey.core import InputError, same_crs, same_vertical_datum
+from survey.core import InputError
 from survey.data import Dem, SurveyArea
 from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.engine_choice import EngineName
+from survey.reconstruction.gp.engine_choice import DividedSiteError, EngineName
 from survey.reconstruction.gp.mean import Mean, estimated_prior
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod, ScanSettings
+from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
 
 if TYPE_CHECKING:
@@ -36,10 +37,23 @@ def check_length_scale(settings: ScanSettings) -> None:
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
-    config, prior, facts = _with_estimated_prior(task)
+    config, errors, facts = task.config(GaussianProcessConfig), _prior_errors(task), {}
     watch = MapWatch(task.grid, task.progress)
-    model = GaussianProcessTerrain(config, prior, engine, task.quantity, task.grid.bounds, watch)
-    fitted = model.fit(task.points)
+    prior = task.prior
+    model = GaussianProcessTerrain(
+        config, prior, engine, task.quantity, task.grid.bounds, watch, errors=errors
+    )
+    try:
+        fitted = model.fit(task.points)
+    except DividedSiteError:
+        # Cells as measurements need one solve for the site; the map in parts is built around the corrected prior.
+        assert errors is not None
+        assert isinstance(prior, Dem)
+        estimated = estimated_prior(prior, task.points, errors)
+        prior, facts = estimated.dem, estimated.facts
+        config = config.model_copy(update={"prior_level": "estimated"})
+        model = GaussianProcessTerrain(config, prior, engine, task.quantity, task.grid.bounds, watch)
+        fitted = model.fit(task.points)
     assert fitted.learned_ is not None
     result = fitted.grid(task.grid)
     if config.fit and prior is None:
@@ -49,23 +63,11 @@ def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
     return MappedTerrain(replace(result, diagnostics={**result.diagnostics, **facts}))
 
 
-def _with_estimated_prior(
-    task: MappingTask,
-) -> tuple[GaussianProcessConfig, Dem | Mean | None, dict[str, Any]]:
-    """Return the settings, the prior less its estimated errors, and their record; a stated kernel takes a prior as exact."""
+def _prior_errors(task: MappingTask) -> PriorErrors | None:
+    """Return the error model of a prior whose cells are measurements; a stated kernel takes a prior as exact."""
     config, errors = task.config(GaussianProcessConfig), task.config(JointConfig).satellite
-    prior = task.prior
-    if (
-        not isinstance(prior, Dem)
-        or not config.fit
-        or errors.product == "unbiased"
-        or task.quantity != ELEVATION
-    ):
-        return config, prior, {}
-    same_crs(prior.crs, task.points.crs, "the prior and the points")
-    same_vertical_datum(prior.vertical_datum, task.points.vertical_datum, "the prior and the points")
-    estimated = estimated_prior(prior, task.points, errors.model())
-    return config.model_copy(update={"prior_level": "estimated"}), estimated.dem, estimated.facts
+    is_exact = not config.fit or errors.product == "unbiased" or task.quantity != ELEVATION
+    return errors.model() if isinstance(task.prior, Dem) and not is_exact else None
 
 
 def with_claim(result: Reconstruction, learned: "Learned", area: SurveyArea | None) -> Reconstruction:

@@ -9,6 +9,7 @@ and slopes. `nearest_variance_bound` is an upper bound on the posterior variance
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -35,7 +36,13 @@ from survey.reconstruction.gp.engines.fourier_weights import (
     inner,
     put_real_weights,
 )
-from survey.reconstruction.gp.engines.regression import NoisyValues, PolynomialTrend, Process, TrendName
+from survey.reconstruction.gp.engines.regression import (
+    NoisyValues,
+    PolynomialTrend,
+    Process,
+    TrendName,
+    means_of,
+)
 from survey.reconstruction.gp.kernels import Kernel
 
 
@@ -206,17 +213,28 @@ class FourierProducts(Process):
             variance += float(gap @ np.linalg.solve(self.trend_precision, gap))
         return float(weights @ mean), float(np.sqrt(max(variance, 0.0)))
 
+    def covariance_with(self, xy: FloatArray, n_each: int = 1) -> Callable[[FloatArray], FloatArray]:
+        """Return the function from places (A, 2) to their posterior covariance (A, B) [m²] with others.
+
+        Relief of the discarded waves is not in it.
+        """
+        seen = self.posterior.times_each(means_of(self.posterior.features(xy).T, n_each).T)
+        if not self.trend.n_columns:
+            return lambda places: self.posterior.features(places) @ seen
+        gap = np.linalg.solve(self.trend_precision, means_of(self._trend_gap(xy).T, n_each))
+        return lambda places: self.posterior.features(places) @ seen + self._trend_gap(places) @ gap
+
+    def _trend_gap(self, xy: FloatArray) -> FloatArray:
+        """Return the part (M, T) of the trend's columns that the process does not explain."""
+        explained = [self.resolution.box.evaluate(xy, field) for field in self.trend_fields]
+        return self.trend.columns(xy) - np.stack(explained, axis=-1)
+
     def joint_covariance(self, xy: FloatArray) -> FloatArray:
         """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2), for few places.
 
         Relief of the discarded waves counts as independent from place to place.
         """
-        features = self.posterior.features(xy)
-        covariance: FloatArray = features @ self.posterior.times_each(features)
-        if self.trend.n_columns:
-            explained = [self.resolution.box.evaluate(xy, field) for field in self.trend_fields]
-            gap = self.trend.columns(xy) - np.stack(explained, axis=-1)
-            covariance += gap @ np.linalg.solve(self.trend_precision, gap.T)
+        covariance = self.covariance_with(xy)(xy)
         covariance[np.diag_indices(len(xy))] += self.resolution.tail_m2
         return covariance
 

@@ -7,6 +7,7 @@ other engines are compared; it takes memory by the square and time by the cube o
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
@@ -164,6 +165,10 @@ class Process(ABC):
         """Return name and resolution of the engine for the record."""
         return {"name": type(self).__name__}
 
+    def facts(self) -> dict[str, Any]:
+        """Return what was estimated beside the surface, for the record."""
+        return {}
+
     def expected_s(self, x: FloatArray, y: FloatArray) -> float:
         """Return the expected time to judge the points and to map the nodes of two axes [s], from that of some rows."""
         some = y[:: max(len(y) // _N_TIMED_ROWS, 1)]
@@ -182,6 +187,13 @@ class Process(ABC):
         """Return mean and standard deviation of the weighted sum of heights at places (M, 2)."""
         raise self._refusal("sums")
 
+    def covariance_with(self, xy: FloatArray, n_each: int = 1) -> Callable[[FloatArray], FloatArray]:
+        """Return the function from places (A, 2) to their posterior covariance (A, B) [m²] with others.
+
+        The others are the means over `n_each` consecutive places of (n B, 2). Relief of no extent is not in it.
+        """
+        raise self._refusal("covariance")
+
     def joint_covariance(self, xy: FloatArray) -> FloatArray:
         """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2)."""
         raise self._refusal("covariance")
@@ -192,6 +204,11 @@ class Process(ABC):
 
     def _refusal(self, what: str) -> InputError:
         return InputError(f"a map in tiles has no joint {what}; take a smaller site, or allow more memory.")
+
+
+def means_of(rows: FloatArray, n_each: int) -> FloatArray:
+    """Return the means (R, B) over consecutive columns of rows (R, n B)."""
+    return rows if n_each == 1 else rows.reshape(len(rows), -1, n_each).mean(axis=2)
 
 
 MEMORY_MB = 2000.0
@@ -329,13 +346,21 @@ class DenseGaussianProcess(Process):
 
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
         """Return the posterior covariance (A, B) [m²] between two sets of places."""
-        half_a, half_b = self._half(xy_a), self._half(xy_b)
-        whitened = self._whitened_trend()
-        gap_a, gap_b = (
-            self.trend.columns(xy) - half.T @ whitened for xy, half in ((xy_a, half_a), (xy_b, half_b))
-        )
-        covariance: FloatArray = self.kernel.covariance(xy_a, xy_b) - half_a.T @ half_b
-        return covariance + gap_a @ self._weights()[2] @ gap_b.T
+        return self.covariance_with(xy_b)(xy_a)
+
+    def covariance_with(self, xy: FloatArray, n_each: int = 1) -> Callable[[FloatArray], FloatArray]:
+        """Return the function from places (A, 2) to their posterior covariance (A, B) [m²] with others."""
+        whitened, of_trend = self._whitened_trend(), self._weights()[2]
+        half = means_of(self._half(xy), n_each)
+        gap = of_trend @ (means_of(self.trend.columns(xy).T, n_each) - whitened.T @ half)
+
+        def covariance(places: FloatArray) -> FloatArray:
+            here = self._half(places)
+            prior = means_of(self.kernel.covariance(places, xy), n_each)
+            total: FloatArray = prior - here.T @ half
+            return total + (self.trend.columns(places) - here.T @ whitened) @ gap
+
+        return covariance
 
     def joint_covariance(self, xy: FloatArray) -> FloatArray:
         """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2)."""

@@ -12,7 +12,14 @@ from survey.core.transformation import transformed
 from survey.data import Dem, SurfacePoints
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.prior import PriorErrors
-from survey.reconstruction.prior_likelihood import ErrorSizes, Innovations
+from survey.reconstruction.prior_likelihood import (
+    ErrorSizes,
+    Innovations,
+    Level,
+    conflicts,
+    level,
+    likeliest_sizes,
+)
 
 # Beyond these many cells their covariance is no longer a detail.
 _MOST_CELLS = 4000
@@ -121,6 +128,18 @@ class SatelliteCells:
         """Prior standard deviations (J,) of the common unknowns."""
         return np.array([one.sigma for one in self.common])
 
+    def common_facts(self, value: FloatArray, covariance: FloatArray) -> dict[str, float]:
+        """Return the estimated common unknowns (J,) and their standard deviations, for the record."""
+        facts: dict[str, float] = {}
+        for k, one in enumerate(self.common):
+            facts[f"satellite_{one.name}"] = float(value[k])
+            facts[f"satellite_{one.name}_sigma"] = float(np.sqrt(covariance[k, k]))
+        offsets = [k for k, one in enumerate(self.common) if one.is_offset]
+        if offsets:
+            facts["satellite_offset_m"] = float(value[offsets].sum())
+            facts["satellite_offset_m_sigma"] = float(np.sqrt(covariance[np.ix_(offsets, offsets)].sum()))
+        return facts
+
     def innovations(self, expected: FloatArray, covariance: FloatArray) -> Innovations:
         """Return the cells less the means that points alone state, with the covariance of all but their own errors.
 
@@ -210,3 +229,52 @@ def prior_cells(
     same_vertical_datum(satellite.vertical_datum, points.vertical_datum, "the satellite and the points")
     dem, errors = in_blocks(satellite, bounds, errors)
     return SatelliteCells.of(dem, points.crs, bounds, errors), errors
+
+
+# The level of a prior that contradicts the points has this standard deviation, in offsets. Its stated level is left out
+# where it is less probable than the share.
+_FREE_LEVEL, _LEAST_LEVEL = 10.0, 0.005
+
+
+class StatedLevel(NamedTuple):
+    """Cells whose level contradicts the points, as their error model has it, and the probability that it holds."""
+
+    cells: SatelliteCells
+    probability: float
+
+
+class JudgedCells(NamedTuple):
+    """Cells with the sizes of their errors, conflicts of prior and points, and the cells with their stated level."""
+
+    cells: SatelliteCells
+    conflicts: tuple[str, ...]
+    stated: StatedLevel | None = None
+
+
+def judge_cells(
+    cells: SatelliteCells, errors: PriorErrors, expected: FloatArray, covariance: FloatArray
+) -> JudgedCells:
+    """Estimate the sizes of the cells' errors, with a free level where prior and points disagree.
+
+    `expected`, `covariance` (C,) and (C, C): means that points alone state [m] and their covariance [m²].
+    """
+    innovations = cells.innovations(expected, covariance)
+    sized, stated = cells.with_sizes(likeliest_sizes(innovations, errors)), None
+    height = _level(innovations, sized, errors)
+    if height.is_conflict:
+        free = cells.with_free_level(_FREE_LEVEL * abs(height.offset_m))
+        innovations, exact = free.innovations(expected, covariance), errors._replace(level_log_sd=0.0)
+        sized = free.with_sizes(likeliest_sizes(innovations, exact))
+        probability = _level(innovations, sized, errors).probability
+        if probability >= _LEAST_LEVEL:
+            stated = StatedLevel(cells.with_sizes(sized.sizes), probability)
+    total = innovations._replace(covariance=innovations.with_level + sized.covariance)
+    used = 0.0 if stated is None else stated.probability
+    found = conflicts(height, total, sized.sizes.white_m, errors.white, used)
+    return JudgedCells(sized, found, stated)
+
+
+def _level(innovations: Innovations, cells: SatelliteCells, errors: PriorErrors) -> Level:
+    """Return the offset of the cells from the points, with the errors that the cells have in their sizes."""
+    own = innovations._replace(covariance=innovations.covariance + cells.covariance)
+    return level(own, errors.level_sigma_m)

@@ -1,0 +1,123 @@
+"""Conditioning on points with one kernel or an average of several, and on the cells of a prior.
+
+`condition_all` conditions one process for each kernel. A prior whose errors are stated is no mean: its cells are measurements
+beside the points, their evidence enters the weights of the kernels, and a prior whose level contradicts the points counts
+twice, with a free level and with the stated one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core import Bounds, Progress
+from survey.data import Dem
+from survey.reconstruction.gp.averaged_process import AveragedProcess
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engine_choice import Conditioned, EngineName, fit_process
+from survey.reconstruction.gp.engines.regression import NoisyValues, Process, TrendName
+from survey.reconstruction.gp.kernel_average import lightened, weights_of
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, WeightedKernel
+from survey.reconstruction.gp.prior_measurements import condition_on_cells
+from survey.reconstruction.gp.satellite_cells import SatelliteCells, in_blocks
+from survey.reconstruction.prior import PriorErrors
+
+# Kernels that are averaged where each costs a solve in Fourier waves.
+_MOST_IN_WAVES = 2
+
+
+class PriorMeasurements(NamedTuple):
+    """A prior elevation model and the error model of its cells."""
+
+    dem: Dem
+    errors: PriorErrors
+
+    def cells(self, crs: CRS, bounds: Bounds) -> tuple[SatelliteCells, PriorErrors]:
+        """Return the cells that meet the map, in blocks where there are thousands of them."""
+        dem, errors = in_blocks(self.dem, bounds, self.errors)
+        return SatelliteCells.of(dem, crs, bounds, errors), errors
+
+
+class ConditioningTask(NamedTuple):
+    """Engine, settings, extent of the map [m], trend, prior as measurements, number of nodes, and a progress callback."""
+
+    engine: EngineName
+    config: GaussianProcessConfig
+    bounds: Bounds | None
+    trend: TrendName
+    prior: PriorMeasurements | None = None
+    n_nodes: int | None = None
+    progress: Progress | None = None
+
+
+def condition_all(task: ConditioningTask, found: Hyperparameters, data: NoisyValues) -> Conditioned:
+    """Condition a process with every kernel, and return their average; `data` is without the nugget.
+
+    Raise `DividedSiteError` where there are cells and the site is too large for one solve.
+    """
+    site = data.extent(task.bounds)
+    given = None if task.prior is None else task.prior.cells(task.prior.dem.crs, site)
+    if given is not None:
+        task = task._replace(bounds=_around(site, given[0]))
+    kernels = found.kernels
+    first = _condition(task, kernels[0], data)
+    if first.choice.engine != "dense":
+        kernels = lightened(kernels, _MOST_IN_WAVES if first.choice.engine == "fourier" else 1)
+    processes = [first.process, *(_condition(task, one, data).process for one in kernels[1:])]
+    parts = [_Part(one, process) for one, process in zip(kernels, processes, strict=True)]
+    if given is not None:
+        parts = _with_cells(parts, *given)
+    if len(parts) == 1:
+        return first._replace(process=parts[0].process)
+    weights = np.array([part.kernel.weight for part in parts])
+    nuggets_m2 = np.array([part.kernel.nugget_m**2 for part in parts])
+    return Conditioned(
+        AveragedProcess(tuple(part.process for part in parts), weights, nuggets_m2), first.choice
+    )
+
+
+class _Part(NamedTuple):
+    """A kernel with its weight, and the process that it was conditioned to."""
+
+    kernel: WeightedKernel
+    process: Process
+
+
+def _condition(task: ConditioningTask, one: WeightedKernel, data: NoisyValues) -> Conditioned:
+    return fit_process(
+        task.engine,
+        one.kernel,
+        data.xy,
+        data.values,
+        np.sqrt(data.noise_m2 + one.nugget_m**2),
+        bounds=task.bounds,
+        trend=task.trend,
+        config=task.config,
+        progress=task.progress,
+        n_nodes=task.n_nodes,
+        may_divide=task.prior is None,
+    )
+
+
+def _with_cells(parts: list[_Part], cells: SatelliteCells, errors: PriorErrors) -> list[_Part]:
+    """Return the parts given the cells, with the evidence of the cells in their weights, the heaviest first."""
+    every = [condition_on_cells(part.process, cells, errors) for part in parts]
+    logs = [
+        part.kernel.log_posterior + given[0].log_evidence for part, given in zip(parts, every, strict=True)
+    ]
+    weights = weights_of(np.array(logs))
+    found = [
+        _Part(part.kernel._replace(weight=float(weight) * one.probability), one.process)
+        for part, given, weight in zip(parts, every, weights, strict=True)
+        if weight > 0.0
+        for one in given
+    ]
+    return sorted(found, key=lambda part: -part.kernel.weight)
+
+
+def _around(site: Bounds, cells: SatelliteCells) -> Bounds:
+    """Return the smallest rectangle that holds a site and the cells that meet it."""
+    reach = 0.5 * np.abs(cells.sides).sum(axis=1)
+    low = np.minimum(site[:2], (cells.centre - reach).min(axis=0))
+    high = np.maximum(site[2:], (cells.centre + reach).max(axis=0))
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
