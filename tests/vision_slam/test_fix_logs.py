@@ -144,6 +144,7 @@ def test_grafnav_states_time_height_and_errors(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.sigma_z_m, SIGMA_Z_M)
     assert found.vertical_datum == "ellipsoidal height"
     assert any("NAD83(CSRS)" in note for note in found.notes)
+    assert any("columns that are not used: q" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
