@@ -18,7 +18,7 @@ from vision_slam.evaluation import Comparison, compare_aligned, compare_from_sta
 from vision_slam.pipeline import localize, localize_images
 from vision_slam.readers.datasets import is_kitti, read_poses
 from vision_slam.readers.gps_files import is_receiver_file, read_gps
-from vision_slam.readers.sequence import ImageSequence
+from vision_slam.readers.sequence import ZERO_HEIGHTS, ImageSequence
 
 logger = logging.getLogger(__name__)
 
@@ -59,6 +59,8 @@ class RecordedDrive:
         `flown`: the vehicle, where it is one that flies.
         """
         reason = "" if antenna_m is not None else _NO_ANTENNA
+        if ZERO_HEIGHTS in notes:
+            reason = "all heights are 0; record or export the log with heights"
         if flown:
             reason = f"the log is of {flown}, whose fixes are not above the ground by a height that stays"
         if recording.gps.sigma_m is None:

@@ -190,3 +190,19 @@ def test_options_that_do_not_fit_a_log_are_refused(tmp_path: Path) -> None:
         code, words = run(command, *others)
         assert code in (3, 4), words
         assert word in words
+
+
+def test_heights_of_0_are_no_heights(tmp_path: Path) -> None:
+    (tmp_path / "a.gpx").write_text(in_track().replace(f"<ele>{HEIGHT_M}</ele>", "<ele>0</ele>", 7))
+    found = read_gps(tmp_path / "a.gpx")
+    assert len(found.time_s) == N - 7
+    assert any("7 fixes with a height of 0" in note for note in found.notes)
+    (tmp_path / "a.gpx").write_text(in_track().replace(f"<ele>{HEIGHT_M}</ele>", "<ele>0</ele>"))
+    code, words = run("localize", tmp_path / "a.gpx", "-o", tmp_path / "out", "-q")
+    assert code == 0
+    assert "all heights are 0" in words
+    code, words = run(
+        "reconstruct", tmp_path / "a.gpx", "--antenna", "1", "--sigma", "2", "-o", tmp_path / "map"
+    )
+    assert code == 3
+    assert "heights" in words
