@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from pyproj import CRS
 
-from survey.core import Bounds, Progress
+from survey.core import Bounds, FloatArray, Progress
 from survey.data import Dem
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import Conditioned, EngineName, fit_process
 from survey.reconstruction.gp.engines.regression import NoisyValues, Process, TrendName
 from survey.reconstruction.gp.kernel_average import lightened, weights_of
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, WeightedKernel
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage
 from survey.reconstruction.gp.prior_measurements import condition_on_cells
 from survey.reconstruction.gp.satellite_cells import SatelliteCells, in_blocks
 from survey.reconstruction.prior import PriorErrors
@@ -50,11 +50,16 @@ class ConditioningTask(NamedTuple):
     progress: Progress | None = None
 
 
-def condition_all(task: ConditioningTask, found: Hyperparameters, data: NoisyValues) -> Conditioned:
-    """Condition a process with every kernel, and return their average; `data` is without the nugget.
+def condition_all(
+    task: ConditioningTask, found: Hyperparameters, xy: FloatArray, values: FloatArray, variance: FloatArray
+) -> Conditioned:
+    """Condition a process with every kernel, and return their average.
+
+    `xy`, `values`, `variance` (N, 2), (N,) and (N,): places, values, and variances of their errors without the nugget.
 
     Raise `DividedSiteError` where there are cells and the site is too large for one solve.
     """
+    data = NoisyValues.of(xy, values, np.sqrt(variance))
     site = data.extent(task.bounds)
     given = None if task.prior is None else task.prior.cells(task.prior.dem.crs, site)
     if given is not None:
@@ -79,11 +84,11 @@ def condition_all(task: ConditioningTask, found: Hyperparameters, data: NoisyVal
 class _Part(NamedTuple):
     """A kernel with its weight, and the process that it was conditioned to."""
 
-    kernel: WeightedKernel
+    kernel: KernelInAverage
     process: Process
 
 
-def _condition(task: ConditioningTask, one: WeightedKernel, data: NoisyValues) -> Conditioned:
+def _condition(task: ConditioningTask, one: KernelInAverage, data: NoisyValues) -> Conditioned:
     return fit_process(
         task.engine,
         one.kernel,

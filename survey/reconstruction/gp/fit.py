@@ -34,7 +34,7 @@ from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName
-from survey.reconstruction.gp.engines.regression import NoisyValues, Process
+from survey.reconstruction.gp.engines.regression import Process
 from survey.reconstruction.gp.kernel_average import averaged_kernels
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
@@ -493,7 +493,9 @@ class TerrainFit:
                 self.progress,
             ),
             found,
-            NoisyValues.of(xy, residual, np.sqrt(variance)),
+            xy,
+            residual,
+            variance,
         )
 
     @property

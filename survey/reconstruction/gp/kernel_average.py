@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.optimize import minimize
 from scipy.spatial.distance import squareform
 from scipy.special import k0, softmax
@@ -31,8 +30,9 @@ from survey.reconstruction.gp.families import Sum, family_of
 from survey.reconstruction.gp.kernels import Exponential, Kernel, Matern32, Matern52, Stationary, Whittle
 from survey.reconstruction.gp.marginal_likelihood import (
     Hyperparameters,
-    WeightedKernel,
+    KernelInAverage,
     are_wide,
+    inverse_and_log_determinant,
     well_spread,
 )
 
@@ -83,10 +83,10 @@ def averaged_kernels(
     part = well_spread(xy, N_FITTED)
     few = _Posterior.of(xy[part], values[part], noise_m2[part], has_plane=has_plane, nugget_m=nugget_m)
     members = [one for one in MEMBERS if not one.is_anisotropic or are_wide(xy)]
-    return averaged(_with_weights([few.fit(one) for one in members]))
+    return hyperparameters_of_average(_with_weights([few.fit(one) for one in members]))
 
 
-def averaged(kernels: Sequence[WeightedKernel]) -> Hyperparameters:
+def hyperparameters_of_average(kernels: Sequence[KernelInAverage]) -> Hyperparameters:
     """Return kernels as hyperparameters: the heaviest, and the mean variance of the nuggets."""
     nugget_m = float(np.sqrt(sum(one.weight * one.nugget_m**2 for one in kernels)))
     first = kernels[0]
@@ -103,14 +103,14 @@ def weights_of(log_posteriors: FloatArray) -> FloatArray:
     return normalized
 
 
-def _with_weights(kernels: list[WeightedKernel]) -> list[WeightedKernel]:
+def _with_weights(kernels: list[KernelInAverage]) -> list[KernelInAverage]:
     """Return the kernels that have a weight, the heaviest first."""
     weights = weights_of(np.array([one.log_posterior for one in kernels]))
     order = [k for k in np.argsort(-weights, kind="stable") if weights[k] > 0.0]
     return [kernels[k]._replace(weight=float(weights[k])) for k in order]
 
 
-def lightened(kernels: list[WeightedKernel], n_most: int) -> list[WeightedKernel]:
+def lightened(kernels: list[KernelInAverage], n_most: int) -> list[KernelInAverage]:
     """Return the heaviest kernels alone, with weights that sum to 1."""
     kept = kernels[:n_most]
     total = sum(one.weight for one in kept)
@@ -173,7 +173,7 @@ class _Posterior:
         centred = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
         return cls(centred, noise_m2, trend, lags, extent, nugget_m)
 
-    def fit(self, member: Member) -> WeightedKernel:
+    def fit(self, member: Member) -> KernelInAverage:
         """Climb to the greatest posterior from the better of two lengths."""
         mean, spread = self._prior(member)
         is_free = np.ones(len(mean), dtype=bool)
@@ -203,7 +203,7 @@ class _Posterior:
         theta = mean.copy()
         theta[is_free] = result.x
         nugget_m = float(np.exp(0.5 * theta[-1])) if self.nugget_m is None else self.nugget_m
-        return WeightedKernel(_kernel(theta, member), nugget_m, -float(result.fun))
+        return KernelInAverage(_kernel(theta, member), nugget_m, -float(result.fun))
 
     def _prior(self, member: Member) -> tuple[FloatArray, FloatArray]:
         """Return the prior means and standard deviations of the parameters."""
@@ -261,13 +261,10 @@ def _solved(
     """
     matrix = squareform(covariance, checks=False)
     np.fill_diagonal(matrix, diagonal)
-    factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
-    if failed:
+    found = inverse_and_log_determinant(matrix)
+    if found is None:
         return None
-    log_determinant = 2.0 * np.log(np.diag(factor)).sum()
-    lower, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    inverse: FloatArray = squareform(squareform(lower.T, checks=False), checks=False)
-    np.fill_diagonal(inverse, np.diag(lower))
+    inverse, log_determinant = found
     of_trend = inverse @ trend
     information = trend.T @ of_trend
     slope = inverse - of_trend @ np.linalg.solve(information, of_trend.T)
