@@ -9,6 +9,7 @@ and tables ``frames.csv``. `read_images` reads plain images: their times are fro
 their calibration is from ``camera.toml`` or EXIF. Videos and raw photographs are refused; the message names the conversion.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +33,7 @@ from vision_slam.readers.datasets import (
     read_kitti_sequence,
     read_tum_sequence,
 )
-from vision_slam.readers.gps_files import read_gps
+from vision_slam.readers.gps_files import is_receiver_log, read_gps
 from vision_slam.readers.images import (
     assemble_sequence,
     image_files,
@@ -73,21 +74,28 @@ def open_recording(
     scale_from_m: float | None = None,
     columns: Sequence[str] = (),
     frame_rate_hz: float | None = None,
+    antenna_m: float | None = None,
 ) -> RecordedDrive:
-    """Open a firnline recording, a ROS bag, or a folder of images, and check it.
+    """Open a firnline recording, a ROS bag, a folder of images, or the log of a receiver, and check it.
 
-    `gps_shift_s`: added to the times of the fixes [s]. `scale_from_m`: take the scale from the first metres
+    `antenna_m`: height of the antenna above the ground [m]. `gps_shift_s`: added to the times of the fixes [s]. `scale_from_m`: take the scale from the first metres
     of the layout's reference [m].
     """
     place = Path(source)
     if not place.exists():
         raise InputError(f"{place} does not exist; check the path.")
     if (place / "recording.json").is_file():
-        if camera or topics or gps or crs or frame_rate_hz or scale_from_m is not None:
+        own = (antenna_m, scale_from_m)
+        if camera or topics or gps or crs or frame_rate_hz or any(value is not None for value in own):
             raise ConfigError(
-                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs, --frame-rate and --scale-from out."
+                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs, --frame-rate, --scale-from and --antenna out."
             )
         return _firnline_recording(place)
+    if place.is_file() and not is_bag(place):
+        images = (camera, topics or None, gps, frame_rate_hz, scale_from_m, gps_shift_s or None)
+        return _log_of_fixes(
+            place, columns, crs, antenna_m, has_image_options=any(v is not None for v in images)
+        )
     if columns and gps is None:
         raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
     lens, lens_notes = (None, ()) if camera is None else read_calibration(camera)
@@ -97,9 +105,11 @@ def open_recording(
         sequence = scale_by_reference(sequence, scale_from_m)
     log = sequence.gps if gps is None else read_gps(gps, columns)
     if log is not None:
-        return _with_fixes(sequence, log, crs, gps_shift_s)
-    if crs is not None or gps_shift_s != 0.0:
-        raise ConfigError(f"{place} holds no fixes; --crs and --gps-shift need some, name them with --gps.")
+        return _with_fixes(sequence, log, crs, gps_shift_s, antenna_m or 0.0)
+    if crs is not None or gps_shift_s != 0.0 or antenna_m is not None:
+        raise ConfigError(
+            f"{place} holds no fixes; --crs, --gps-shift and --antenna need some, name them with --gps."
+        )
     notes = sequence.notes
     if sequence.wheels is None:
         notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
@@ -124,12 +134,49 @@ def _read_images(
     return sequence
 
 
-def _with_fixes(sequence: ImageSequence, log: GpsLog, crs: CRS | str | None, shift_s: float) -> RecordedDrive:
+_TABLES_OF_FIXES = (".csv", ".tsv")
+
+
+def _log_of_fixes(
+    file: Path,
+    columns: Sequence[str],
+    crs: CRS | str | None,
+    antenna_m: float | None,
+    *,
+    has_image_options: bool,
+) -> RecordedDrive:
+    """Open the log of a receiver as the drive of its antenna."""
+    refuse_kind(file)
+    if not (is_receiver_log(file) or file.suffix.lower() in _TABLES_OF_FIXES or columns):
+        raise InputError(
+            f"{file} is no folder of images, no bag and no log of fixes; name one of these, or a table of fixes with --columns."
+        )
+    if has_image_options:
+        raise ConfigError(
+            f"{file} is a log of fixes without images; leave --camera, --topic, --gps, --gps-shift, --frame-rate and --scale-from out."
+        )
+    log = read_gps(file, columns)
+    if len(log.time_s) < 2:
+        raise InputError(f"{file} holds {len(log.time_s)} fix; a path needs at least two, record for longer.")
+    fixes, working = log.fixes(crs)
+    recording = Recording(
+        working, fixes.position[0], fixes, vertical_datum=log.vertical_datum, start_is_surveyed=False
+    )
+    return RecordedDrive.of_fixes(recording, _fix_notes(log, working), antenna_m)
+
+
+def _fix_notes(log: GpsLog, working: CRS) -> tuple[str, ...]:
+    """Return what was read of a log and left out."""
+    without = f"{log.n_without_fix} records of the receiver without a fix are left out"
+    return (*log.notes, f"works in {working.name}", *([without] if log.n_without_fix else []))
+
+
+def _with_fixes(
+    sequence: ImageSequence, log: GpsLog, crs: CRS | str | None, shift_s: float, antenna_m: float
+) -> RecordedDrive:
     """Place images in the CRS of their fixes."""
-    recording = georeference(sequence, log, crs, shift_s)
-    notes = (*sequence.notes, *log.notes, f"works in {recording.crs.name}")
-    if log.n_without_fix:
-        notes += (f"{log.n_without_fix} records of the receiver without a fix are left out",)
+    recording = replace(georeference(sequence, log, crs, shift_s), antenna_height_m=antenna_m)
+    notes = (*sequence.notes, *_fix_notes(log, recording.crs))
     if sequence.wheels is None:
         notes += ("no wheels: the scale is that of the fixes",)
     return RecordedDrive(recording, notes)
@@ -396,7 +443,22 @@ def _refuse_other_times(file: Path, time_s: FloatArray, frame_s: FloatArray) -> 
 _LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
 _RAW = (".heic", ".heif", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".avif", ".webp")
 _BAGS = (".bag", ".mcap", ".db3")
-_VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".insv", ".360")
+_VIDEOS = (
+    ".mp4",
+    ".mov",
+    ".avi",
+    ".mkv",
+    ".insv",
+    ".360",
+    ".m4v",
+    ".mts",
+    ".m2ts",
+    ".wmv",
+    ".webm",
+    ".mpg",
+    ".lrv",
+    ".3gp",
+)
 
 
 def read_images(
@@ -432,13 +494,18 @@ def refuse_other_kinds(place: Path) -> None:
         raise InputError(
             f"{bag} is a bag in a folder that is no recording; name the bag instead of its folder."
         )
-    raw = next((file for file in sorted(files) if file.suffix.lower() in _RAW), None)
-    if raw is not None:
-        raise InputError(f"{raw} is of a kind that is not read; convert the images to JPEG or PNG.")
-    video = next((file for file in sorted(files) if file.suffix.lower() in _VIDEOS), None)
-    if video is not None:
+    for file in sorted(files):
+        refuse_kind(file)
+
+
+def refuse_kind(file: Path) -> None:
+    """Refuse a photograph or video of a kind that is not read, with the conversion."""
+    if file.suffix.lower() in _RAW:
+        raise InputError(f"{file} is of a kind that is not read; convert the images to JPEG or PNG.")
+    if file.suffix.lower() in _VIDEOS:
         raise InputError(
-            f"{video} is a video; extract its images (ffmpeg -i {video.name} images/%06d.png) and name --frame-rate."
+            f"{file} is a video; extract its images (ffmpeg -i {shlex.quote(file.name)} images/%06d.png, into a folder images that "
+            "is there), name that folder and give the images per second with --frame-rate."
         )
 
 

@@ -255,9 +255,8 @@ def preview_export(request: ExportRequest) -> Preview:
     kind = _kind_of(request)
     if kind == "route":
         route, around, notes = route_with_surroundings(request.source, request)
-        refuse_existing(_other_parts(route, request), force=request.force)
-        around.check(route)
-        return Preview.of(_parts(route, request.rover, request.out), left_out=notes)
+        parts = _checked_parts(route, around, request)
+        return Preview.of(parts, left_out=notes)
     if kind != "mcap":
         with TemporaryDirectory() as folder:
             _convert(request, kind, Path(folder) / request.out.name)
@@ -292,8 +291,7 @@ def export(request: ExportRequest) -> ExportResult:
     if kind != "route":
         return ExportResult(request, lambda out: _convert(request, kind, out))
     route, around, notes = route_with_surroundings(source, request)
-    refuse_existing(_other_parts(route, request), force=request.force)
-    around.check(route)
+    _checked_parts(route, around, request)
     return ExportResult(request, lambda out: write_route(route, around, out, request.rover), notes)
 
 
@@ -326,9 +324,17 @@ def _parts(route: "survey.Route", rover: int | None, out: Path) -> dict[Path, in
     return {out: rover}
 
 
-def _other_parts(route: "survey.Route", request: ExportRequest) -> list[Path]:
-    """Return the files of a route that are not named in the request."""
-    return [file for file in _parts(route, request.rover, request.out) if file != request.out]
+def _checked_parts(
+    route: "survey.Route", around: "Surroundings", request: ExportRequest
+) -> dict[Path, int | None]:
+    """Return the files of a route; refuse those that exist, and missions that leave their own fence."""
+    from survey.interchange.route_formats import require_writable
+
+    parts = _parts(route, request.rover, request.out)
+    refuse_existing([file for file in parts if file != request.out], force=request.force)
+    for file, rover in parts.items():
+        require_writable(route, file, rover=rover, around=around)
+    return parts
 
 
 def write_route(route: "survey.Route", around: "Surroundings", out: Path, rover: int | None = None) -> str:
@@ -475,14 +481,16 @@ def upload(request: UploadRequest, progress: Progress = no_progress) -> UploadRe
 def _mission(request: UploadRequest) -> "tuple[AutopilotMission, tuple[str, ...]]":
     """Read the mission of one rover, and what was left out of it."""
     from live.mission_items import AutopilotMission
-    from survey.core.files import existing_file
     from survey.interchange.route_formats import part_of_rover
 
     if request.source.suffix.lower() in _MISSIONS:
         request.refuse_stated("a mission of a ground station is sent as it is")
-        return AutopilotMission.read(existing_file(request.source, "the mission")), ()
+        mission = AutopilotMission.read(request.source)
+        return mission, mission.notes
     route, around, notes = route_with_surroundings(request.source, request)
-    return AutopilotMission.of_route(part_of_rover(route, request.rover), around), notes
+    around = replace(around, most_corners=request.most_items)
+    mission = AutopilotMission.of_route(part_of_rover(route, request.rover), around)
+    return mission, (*notes, *mission.notes)
 
 
 def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:

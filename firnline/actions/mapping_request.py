@@ -17,6 +17,7 @@ from survey.io.point_files import TABLES
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
+from vision_slam.readers.gps_files import is_receiver_log
 
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
 
@@ -43,6 +44,11 @@ class MapRequest:
     def is_registered(self) -> bool:
         """Whether the sources are scans that become points by paths of known error."""
         return _are_registered(self.options)
+
+    @property
+    def is_of_fixes(self) -> bool:
+        """Whether the sources are logs of receivers, whose fixes lie on their own path."""
+        return are_fixes(self.options.sources)
 
     @property
     def motion_file(self) -> Path | None:
@@ -151,9 +157,21 @@ def _config(options: ReconstructRequest) -> ReconstructionConfig:
 
 def _are_scans(options: ReconstructRequest, method: ReconstructionMethod) -> bool:
     sources = options.sources
-    if method.begin is None or _are_registered(options):
+    if method.begin is None or _are_registered(options) or are_fixes(sources):
         return False
     return len(sources) > 1 or sources[0].suffix.lower() not in TABLES
+
+
+_AUTOPILOTS = (".tlog", ".ulg")
+
+
+def are_fixes(sources: list[Path]) -> bool:
+    """Return whether all sources are logs of receivers or autopilots; refuse such logs beside points."""
+    is_log = [file.suffix.lower() in _AUTOPILOTS or is_receiver_log(file) for file in sources]
+    if any(is_log) and not all(is_log):
+        log, points = sources[is_log.index(True)], sources[is_log.index(False)]
+        raise InputError(f"{log} is the log of a receiver and {points} is none; map them apart.")
+    return all(is_log)
 
 
 def _are_registered(options: ReconstructRequest) -> bool:
@@ -165,7 +183,8 @@ def _are_registered(options: ReconstructRequest) -> bool:
 def _refuse_unused(request: MapRequest) -> None:
     """Refuse options that the method does not use, and name the methods that do."""
     method = request.method
-    is_single = method.begin is None and not (method.needs_path or request.is_registered)
+    has_paths = method.needs_path or request.is_registered or request.is_of_fixes
+    is_single = method.begin is None and not has_paths
     if len(request.options.sources) > 1 and is_single:
         raise InputError(
             f"{len(request.options.sources)} files were named, and the method {method.name!r} maps one; name one, or take "
@@ -196,6 +215,16 @@ def _refuse_unused(request: MapRequest) -> None:
 def _refuse_paths(request: MapRequest) -> None:
     """Refuse paths that the method does not use, and another number of them than it needs."""
     method, n = request.method, len(request.options.trajectories)
+    if request.is_of_fixes:
+        if n:
+            raise InputError(
+                f"{request.options.sources[0]} is a log of fixes, which are a path themselves; leave --trajectory out."
+            )
+        return
+    if request.options.antenna_m is not None:
+        raise InputError(
+            f"--antenna is of logs of receivers, and {request.options.sources[0]} is none; leave it out."
+        )
     if n and not (method.needs_path or request.is_of_scans or request.is_registered):
         _refuse_sources_without_scans(request.options.sources)
         raise InputError(

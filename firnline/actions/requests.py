@@ -101,6 +101,11 @@ def epoch_option(help_: str) -> Any:
     return Option("--epoch", help=help_)
 
 
+def antenna_option() -> Any:
+    """Return the option for the height of a receiver's antenna above the ground."""
+    return Option("--antenna", min=0.0, help="Height of the receiver's antenna above the ground [m].")
+
+
 Url = Annotated[
     str,
     Argument(
@@ -125,7 +130,7 @@ class ReconstructRequest(RunOptions):
     sources: Annotated[
         list[Path],
         Argument(
-            help="Points (text tables, vector files, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
+            help="Points (text tables, vector files, LAS/LAZ, PLY), logs of receivers (.ubx, NMEA, .gpx, .pos, GrafNav, .ulg, .tlog), a mission file (TOML), LiDAR scans and folders of them "
             "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
             "KITTI, ROS 2) with --trajectory for all methods."
         ),
@@ -160,6 +165,7 @@ class ReconstructRequest(RunOptions):
     sigma_m: Annotated[
         float | None, Option("--sigma", help="Standard deviation of points that state none [m].")
     ] = None
+    antenna_m: Annotated[float | None, antenna_option()] = None
     columns: Annotated[
         list[str],
         columns_option("Columns of a table of points: x, y, z, lon, lat, sigma_z; usual names are found."),

@@ -114,7 +114,7 @@ ContentKind = Literal["raster", "route", "points", "track", "area"]
 _RASTERS = (".tif", ".tiff", ".asc", ".nc")
 _CLOUDS = (".las", ".laz", ".ply")
 # Endings of routes whose files may hold something else.
-_SHARED = (".csv", ".geojson", ".gpkg", ".json", ".kml")
+_SHARED = (".csv", ".geojson", ".gpkg", ".json", ".kml", ".kmz")
 _TRACK = {"time_s", "x_m", "y_m", "z_m", "qw", "var_xx_m2"}
 _ROUTE = {"leg", "kind", "rover", "easting_m", "northing_m"}
 

@@ -28,7 +28,7 @@ class ReceiverFixes(NamedTuple):
 
     ``time_s`` (N,) is Unix time when `is_dated`; ``place`` (N, 3) holds longitude, latitude
     [deg] and height [m], or easting, northing and height [m] where not `is_geodetic`;
-    ``sigma_m`` (N,) is the horizontal standard deviation in each axis.
+    ``sigma_m`` (N,) is the horizontal standard deviation in each axis, ``sigma_z_m`` (N,) that of the height.
     """
 
     time_s: FloatArray
@@ -39,6 +39,7 @@ class ReceiverFixes(NamedTuple):
     n_without_fix: int = 0
     vertical_datum: str = UNSTATED
     notes: tuple[str, ...] = ()
+    sigma_z_m: FloatArray | None = None
 
 
 def axis_sigma_m(radius_m: FloatArray) -> FloatArray:
@@ -107,7 +108,7 @@ class GpsLog:
     CRS that the file does not name. `is_geodetic`, `is_dated`: see above. `n_without_fix`: records that the
     receiver itself marked as no fix; they are left out. `vertical_datum`: what heights count from; ``""``
     when the file does not state it. `sigma_m` (N,): horizontal standard deviation of each fix [m], where the
-    file states it or its quality. `notes`: what the reader chose or left out, one sentence each.
+    file states it or its quality; `sigma_z_m` (N,): that of its height [m]. `notes`: what the reader chose or left out, one sentence each.
     """
 
     time_s: FloatArray
@@ -118,6 +119,7 @@ class GpsLog:
     vertical_datum: str = UNSTATED
     sigma_m: FloatArray | None = None
     notes: tuple[str, ...] = ()
+    sigma_z_m: FloatArray | None = None
 
     @property
     def utm(self) -> CRS | None:
@@ -140,9 +142,22 @@ class GpsLog:
             raise ConfigError("the fixes are in metres, and the file names no CRS; name one with --crs.")
         target = projected_crs(self.utm if crs is None else crs, "the fixes")
         if not self.is_geodetic:
-            return GpsFixes(self.time_s, self.place, self.sigma_m), target
+            return GpsFixes(self.time_s, self.place, self.sigma_m, self.sigma_z_m), target
         xy = transformed(self.place[:, :2], WGS84, target, "the fixes")
-        return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]]), self.sigma_m), target
+        position = np.column_stack([xy, self.place[:, 2]])
+        return GpsFixes(self.time_s, position, self.sigma_m, self.sigma_z_m), target
+
+    def select(self, which: BoolArray) -> "GpsLog":
+        """Return the fixes of a mask (N,)."""
+        sigmas = (None if sigma is None else sigma[which] for sigma in (self.sigma_m, self.sigma_z_m))
+        sigma_m, sigma_z_m = sigmas
+        return replace(
+            self,
+            time_s=self.time_s[which],
+            place=self.place[which],
+            sigma_m=sigma_m,
+            sigma_z_m=sigma_z_m,
+        )
 
     def without_zero_places(self, where: str) -> "GpsLog":
         """Leave out fixes at longitude and latitude 0, or at a height of 0 among others, which stand for none; note how many.
@@ -178,13 +193,7 @@ class GpsLog:
 
     def _without(self, is_left_out: BoolArray, note: str, where: str) -> "GpsLog":
         logger.info("%s: %s", where, note)
-        return replace(
-            self,
-            time_s=self.time_s[~is_left_out],
-            place=self.place[~is_left_out],
-            sigma_m=None if self.sigma_m is None else self.sigma_m[~is_left_out],
-            notes=(*self.notes, note),
-        )
+        return replace(self.select(~is_left_out), notes=(*self.notes, note))
 
 
 _FAR_FROM_ZERO_M = 10.0

@@ -150,6 +150,9 @@ class GpsFixes(SensorRecords):
     sigma_m : (N,) array_like, optional
         Horizontal standard deviation of each fix as the receiver states it, in each axis [m]. Where
         it is missing, all fixes have the errors that the configuration of localization assumes.
+    sigma_z_m : (N,) array_like, optional
+        Standard deviation of the height of each fix as the receiver states it [m]. Where it is missing, heights
+        have the horizontal error times the factor that the configuration of localization assumes.
     """
 
     COLUMNS: ClassVar = {"position": ("easting_m", "northing_m", "height_m")}
@@ -158,6 +161,7 @@ class GpsFixes(SensorRecords):
 
     position: FloatArray
     sigma_m: FloatArray | None = None
+    sigma_z_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
