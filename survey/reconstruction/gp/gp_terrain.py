@@ -36,7 +36,7 @@ from survey.reconstruction.gp.fit import (
     TerrainFit,
     steepness_on_axes,
 )
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage, Patch
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.observations import Observations, Outliers
 from survey.reconstruction.prior import ErrorScale, PriorErrors
@@ -461,10 +461,18 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
 
 
 def _hyperparameters(facts: dict[str, Any]) -> Hyperparameters:
-    kernels = [KernelInAverage(**one | {"kernel": kernel_from(one["kernel"])}) for one in facts["kernels"]]
+    kernels = [_kernel_in_average(one) for one in facts["kernels"]]
     return Hyperparameters(
         facts["family"], kernels[0].kernel, facts["nugget_m"], facts["log_likelihood"], average=tuple(kernels)
     )
+
+
+def _kernel_in_average(facts: dict[str, Any]) -> KernelInAverage:
+    patch = facts["patch"]
+    if patch is not None:
+        number, centres, width = patch
+        patch = Patch(number, tuple((x, y) for x, y in centres), (width[0], width[1]))
+    return KernelInAverage(**facts | {"kernel": kernel_from(facts["kernel"]), "patch": patch})
 
 
 def _errors(facts: dict[str, Any] | None) -> PriorErrors | None:

@@ -91,13 +91,30 @@ _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 
 
+class Patch(NamedTuple):
+    """Part of a site where a kernel holds: number of its centre among centres, and widths on either axis [m]."""
+
+    number: int
+    centres_m: tuple[tuple[float, float], ...]
+    width_m: tuple[float, float]
+
+    def share(self, xy: FloatArray) -> FloatArray:
+        """Return the share (M,) of the patch among all at places (M, 2), by normal weights about the centres."""
+        scaled = (xy[:, None] - np.array(self.centres_m)) / np.array(self.width_m)
+        squared = np.square(scaled).sum(axis=2)
+        weights = np.exp(-0.5 * (squared - squared.min(axis=1, keepdims=True)))
+        shares: FloatArray = weights[:, self.number] / weights.sum(axis=1)
+        return shares
+
+
 class KernelInAverage(NamedTuple):
-    """A kernel, the relief too fine to be mapped [m], the log posterior at its maximum, and its weight."""
+    """A kernel, the relief too fine to be mapped [m], the log posterior at its maximum, its weight, and where it holds."""
 
     kernel: Kernel
     nugget_m: float
     log_posterior: float
     weight: float = 1.0
+    patch: Patch | None = None
 
 
 @dataclass(frozen=True)
