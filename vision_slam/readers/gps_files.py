@@ -90,7 +90,7 @@ def _usable(log: GpsLog, file: Path) -> GpsLog:
     """Leave out fixes that are not finite, repeat the one before or lie at 0° N 0° E, with notes."""
     stays, notes = usable(log.time_s, log.place, log.sigma_m, str(file))
     log = replace(log.select(stays), notes=(*log.notes, *notes))
-    return log.without_zero_places(str(file)).without_zero_heights()
+    return log.without_zero_places(str(file))
 
 
 def _has_own_columns(file: Path) -> bool:

@@ -100,7 +100,6 @@ ZERO_HEIGHTS = (
     "all heights are 0, as programs write one where they have none: the path is no more than a line on a map"
 )
 """Note of a log whose heights are no heights."""
-_LEAST_GAP_M = 20.0
 _NEAR_RAD = 0.015  # 100 km over the radius of the Earth
 
 
@@ -192,8 +191,7 @@ class GpsLog:
             note = f"{int(is_zero.sum())} fixes at a height of 0 m among others beyond {_FAR_FROM_ZERO_M:g} m are left out"
             return self._without(is_zero, note, where)
         if self.is_geodetic and not self.place[:, 2].any():
-            note = "all heights of the fixes are 0, as those write who know none: heights of path and map count from there"
-            return replace(self, notes=(*self.notes, note))
+            return replace(self, notes=(*self.notes, ZERO_HEIGHTS))
         return self
 
     def _without(self, is_left_out: BoolArray, note: str, where: str) -> "GpsLog":
@@ -214,24 +212,6 @@ def _stands_for_none(height_m: FloatArray) -> BoolArray:
     nearest = [others[np.clip(after - k, 0, len(others) - 1)] for k in (0, 1)]
     far: BoolArray = np.min([np.abs(height_m[near]) for near in nearest], axis=0) > _FAR_FROM_ZERO_M
     return is_zero & far
-
-    def without_zero_heights(self) -> "GpsLog":
-        """Leave out fixes with a height of exactly 0 among others that lie far from it, as programs write one for a missing height.
-
-        >>> log = GpsLog(np.arange(3.0), np.array([[8.0, 46.5, 0.0], [8.1, 46.5, 700.0], [8.2, 46.5, 701.0]]))
-        >>> log.without_zero_heights().notes
-        ('1 fixes with a height of 0, far from all others, are left out',)
-        """
-        is_zero = self.place[:, 2] == 0.0
-        others = np.abs(self.place[~is_zero, 2])
-        if not is_zero.any() or (
-            len(others) and float(others.min()) <= max(_LEAST_GAP_M, float(np.ptp(others)))
-        ):
-            return self
-        if is_zero.all():
-            return replace(self, notes=(*self.notes, ZERO_HEIGHTS))
-        note = f"{int(is_zero.sum())} fixes with a height of 0, far from all others, are left out"
-        return replace(self.select(~is_zero), notes=(*self.notes, note))
 
 
 def _first_near(place: FloatArray) -> int:

@@ -64,7 +64,10 @@ RECEIVERS = {
     ".nmea": (NMEA, sentence("GPGSV,1,1,01,01,40,083,46") + NMEA, None),
     ".txt": (ANDROID.format(more=""), ANDROID.format(more="Raw,1,2,3\n"), None),
 }
-OWN_TESTS = {".ubx": "tests/vision_slam/readers/test_receivers.py"}
+OWN_TESTS = {
+    ".ubx": "tests/vision_slam/readers/test_receivers.py",
+    "GrafNav": "tests/vision_slam/test_fix_logs.py",
+}
 
 
 def test_the_tables_hold_every_reader():
