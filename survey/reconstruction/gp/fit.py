@@ -33,8 +33,8 @@ from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName
-from survey.reconstruction.gp.engines.regression import NoisyValues, Process
+from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, is_little_work
+from survey.reconstruction.gp.engines.regression import Process
 from survey.reconstruction.gp.kernel_average import averaged_kernels
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
@@ -444,7 +444,12 @@ class TerrainFit:
     ) -> Hyperparameters:
         if self.config.fit and self.config.family == "auto" and self.config.kernel is None:
             return averaged_kernels(
-                data.xy, residual, variance, has_plane=self._has_plane, nugget_m=self.config.nugget_m
+                data.xy,
+                residual,
+                variance,
+                has_plane=self._has_plane,
+                nugget_m=self.config.nugget_m,
+                has_patches=self.engine == "dense" or is_little_work(len(data.xy), self.n_nodes),
             )
         if self.config.fit:
             return likeliest(data.xy, self._detrend(data.xy, residual), variance, self.config)
@@ -493,7 +498,9 @@ class TerrainFit:
                 self.progress,
             ),
             found,
-            NoisyValues.of(xy, residual, np.sqrt(variance)),
+            xy,
+            residual,
+            variance,
         )
 
     @property

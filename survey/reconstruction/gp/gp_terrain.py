@@ -28,7 +28,6 @@ from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import EngineName
-from survey.reconstruction.gp.engines.regression import NoisyValues
 from survey.reconstruction.gp.families import kernel_facts, kernel_from
 from survey.reconstruction.gp.fit import (
     MOST_AT_ONCE,
@@ -37,7 +36,7 @@ from survey.reconstruction.gp.fit import (
     TerrainFit,
     steepness_on_axes,
 )
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, WeightedKernel
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage, Patch
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.observations import Observations, Outliers
 from survey.reconstruction.prior import ErrorScale, PriorErrors
@@ -447,8 +446,7 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
         measured,
         facts["n_nodes"],
     )
-    data = NoisyValues(arrays["xy"], arrays["values"][:, None], arrays["noise_m2"])
-    conditioned = condition_all(task, found, data)
+    conditioned = condition_all(task, found, arrays["xy"], arrays["values"], arrays["noise_m2"])
     mean: Mean = prior if isinstance(prior, ConstantMean) else ConstantMean(0.0)
     if isinstance(prior, Dem) and measured is None:
         mean = DemMean(prior, config.prior_interpolation)
@@ -463,10 +461,18 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
 
 
 def _hyperparameters(facts: dict[str, Any]) -> Hyperparameters:
-    kernels = [WeightedKernel(**one | {"kernel": kernel_from(one["kernel"])}) for one in facts["kernels"]]
+    kernels = [_kernel_in_average(one) for one in facts["kernels"]]
     return Hyperparameters(
         facts["family"], kernels[0].kernel, facts["nugget_m"], facts["log_likelihood"], average=tuple(kernels)
     )
+
+
+def _kernel_in_average(facts: dict[str, Any]) -> KernelInAverage:
+    patch = facts["patch"]
+    if patch is not None:
+        number, centres, width = patch
+        patch = Patch(number, tuple((x, y) for x, y in centres), (width[0], width[1]))
+    return KernelInAverage(**facts | {"kernel": kernel_from(facts["kernel"]), "patch": patch})
 
 
 def _errors(facts: dict[str, Any] | None) -> PriorErrors | None:

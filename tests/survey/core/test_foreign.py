@@ -45,7 +45,11 @@ class PanicException(BaseException):
         (PanicException("unwrap"), InputError, "unwrap"),
         (ValueError("first\n  second"), InputError, r"\(first second\)"),
         (MemoryError(), CapacityError, "cannot be read: the memory does not suffice; .*ulimit -v"),
-        (OSError(errno.EMFILE, "Too many open files"), CapacityError, "cannot be read: too many files are open; .*ulimit -n"),
+        (
+            OSError(errno.EMFILE, "Too many open files"),
+            CapacityError,
+            "cannot be read: too many files are open; .*ulimit -n",
+        ),
         (ConfigError("as it is."), ConfigError, "^as it is.$"),
     ],
 )

@@ -94,7 +94,7 @@ def test_the_average_has_the_moments_of_a_mixture() -> None:
         for kernel, n in ((Matern32(4.0, 40.0), 0.0), (Exponential(4.0, 20.0), 0.01))
     ]
     weights = np.array([0.7, 0.3])
-    average = AveragedProcess(tuple(parts), weights, np.array([0.0, 0.01]))
+    average = AveragedProcess(tuple(parts), weights, np.array([0.0, 0.01]), (None, None))
     places = np.random.default_rng(8).uniform(0.0, 200.0, (20, 2))
     mean, variance = average.predict(places)
     means, variances = (
@@ -122,10 +122,51 @@ def test_an_update_is_the_average_given_all_points() -> None:
             DenseGaussianProcess.fit(xy[:n], values[:n], np.sqrt(noise[:n] + m2), kernel)
             for kernel, m2 in zip(kernels, nuggets_m2, strict=True)
         ]
-        return AveragedProcess(tuple(parts), np.array([0.6, 0.4]), nuggets_m2)
+        return AveragedProcess(tuple(parts), np.array([0.6, 0.4]), nuggets_m2, (None, None))
 
     told = np.sqrt(noise[50:] + 0.4 * 0.01)
     places = np.random.default_rng(10).uniform(0.0, 200.0, (9, 2))
     updated = average(50).update(xy[50:], values[50:], told)
     for one, other in zip(updated.predict(places), average(60).predict(places), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10)
+
+
+def test_patches_share_the_site_and_hold_what_differs() -> None:
+    rng = np.random.default_rng(11)
+    xy = rng.uniform(0.0, 200.0, (600, 2))
+    rough = np.where(xy[:, 0] > 100.0, 2.0, 0.1)
+    root = np.linalg.cholesky(Matern32(1.0, 15.0).covariance(xy, xy) + 1e-9 * np.eye(600))
+    values = rough * (root @ rng.standard_normal(600)) + SIGMA_M * rng.standard_normal(600)
+    noise = np.full(600, SIGMA_M**2)
+    found = averaged_kernels(xy, values, noise, has_patches=True)
+    local = [one for one in found.average if one.patch is not None]
+    assert len(local) == 8
+    shares = np.sum([one.patch.share(xy) for one in local if one.patch is not None], axis=0)
+    np.testing.assert_allclose(shares, 2.0)
+    variance = {one.patch.number: one.kernel.variance_m2 for one in local[:4] if one.patch is not None}
+    assert min(variance[1], variance[3]) > 1.5 * max(variance[0], variance[2])
+    parts = tuple(
+        DenseGaussianProcess.fit(xy, values, np.sqrt(noise + one.nugget_m**2), one.kernel, trend="constant")
+        for one in local[:4]
+    )
+    weights, nuggets = np.full(4, 1.0), np.array([one.nugget_m**2 for one in local[:4]])
+    average = AveragedProcess(parts, weights, nuggets, tuple(one.patch for one in local[:4]))
+    places = rng.uniform(0.0, 200.0, (30, 2))
+    mean, variance_m2 = average.predict(places)
+    covariance = average.joint_covariance(places)
+    np.testing.assert_allclose(np.diag(covariance), variance_m2, rtol=1e-8)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-9
+    total = average.weighted_sum(places, np.ones(30))
+    assert total[0] == pytest.approx(mean.sum())
+    assert total[1] == pytest.approx(np.sqrt(covariance.sum()), rel=1e-6)
+    step = np.array([0.2, 0.0])
+    rise = (average.predict(places + step)[0] - average.predict(places - step)[0]) / 0.4
+    np.testing.assert_allclose(average.gradient(places)[:, 0], rise, atol=0.02)
+    x = np.linspace(10.0, 190.0, 5)
+    drawn = average.sample_on_axes(x, x, 3000, np.random.default_rng(12))
+    np.testing.assert_allclose(drawn.std(axis=0), average.predict_on_axes(x, x)[1], rtol=0.15)
+
+
+def test_few_points_have_no_patches() -> None:
+    found = averaged_kernels(*drawn(Matern32(4.0, 40.0), 13, 80), has_patches=True)
+    assert all(one.patch is None for one in found.average)

@@ -10,12 +10,15 @@ from affine import Affine
 from survey.core import FloatArray
 from survey.data import Dem, Grid, SurfacePoints
 from survey.reconstruction import reconstruct
+from survey.reconstruction.gp.averaged_process import AveragedProcess
+from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess, Process
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.kernels import SquaredExponential
-from survey.reconstruction.gp.prior_measurements import ProcessWithCells, condition_on_cells
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
+from survey.reconstruction.gp.prior_measurements import ProcessWithCells
 from survey.reconstruction.gp.satellite_cells import SatelliteCells
 from survey.reconstruction.prior import SatelliteErrors
 from survey.reconstruction.prior_likelihood import ErrorSizes
@@ -143,16 +146,22 @@ def test_a_wrong_prior_does_not_spoil_dense_lines() -> None:
 
 def test_sizes_of_the_errors_are_found_and_a_wrong_level_counts_twice() -> None:
     points = survey_points(40.0)
-    dem = prior(error_m=1.0, offset_m=0.0)
-    cells = SatelliteCells.of(dem, dem.crs, GRID.bounds, ERRORS)
-    (found,) = condition_on_cells(process(points), cells, ERRORS)
-    assert found.process.cells.sizes.white_m == pytest.approx(1.0, rel=0.35)
-    raised = prior(error_m=1.0, offset_m=4.0)
-    free, stated = condition_on_cells(
-        process(points), SatelliteCells.of(raised, raised.crs, GRID.bounds, ERRORS), ERRORS
-    )
-    assert free.probability + stated.probability == pytest.approx(1.0)
-    assert 0.0 < stated.probability < 0.5
+
+    def conditioned(dem: Dem) -> Process:
+        found = Hyperparameters("squared-exponential", KERNEL, 0.0, 0.0)
+        task = ConditioningTask(
+            "dense", GaussianProcessConfig(), GRID.bounds, "constant", PriorMeasurements(dem, ERRORS)
+        )
+        return condition_all(task, found, points.xy, points.z, np.full(len(points), SIGMA_M**2)).process
+
+    alone = conditioned(prior(error_m=1.0, offset_m=0.0))
+    assert isinstance(alone, ProcessWithCells)
+    assert alone.cells.sizes.white_m == pytest.approx(1.0, rel=0.35)
+    both = conditioned(prior(error_m=1.0, offset_m=4.0))
+    assert isinstance(both, AveragedProcess)
+    assert len(both.parts) == 2
+    assert both.weights.sum() == pytest.approx(1.0)
+    assert 0.0 < both.weights[1] < 0.5
 
 
 def test_a_model_with_cells_comes_back_from_its_file(tmp_path: Path) -> None:
