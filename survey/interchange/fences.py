@@ -126,7 +126,7 @@ def area_fence(area: SurveyArea, xy: FloatArray, most_corners: int, holder: str)
     fence = next((fence for fence in simpler if fence.n_corners <= most_corners), None)
     if fence is None:
         raise InputError(
-            f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of the area and "
+            f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of --area and "
             "its no-go zones fewer corners."
         )
     whole = "" if fence.outline.covers(area.polygon) else " and surrounds the route, not the whole area"
