@@ -144,6 +144,7 @@ def test_grafnav_states_time_height_and_errors(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.sigma_z_m, SIGMA_Z_M)
     assert found.vertical_datum == "ellipsoidal height"
     assert any("NAD83(CSRS)" in note for note in found.notes)
+    assert any("columns that are not used: q" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -196,11 +197,11 @@ def test_heights_of_0_are_no_heights(tmp_path: Path) -> None:
     (tmp_path / "a.gpx").write_text(in_track().replace(f"<ele>{HEIGHT_M}</ele>", "<ele>0</ele>", 7))
     found = read_gps(tmp_path / "a.gpx")
     assert len(found.time_s) == N - 7
-    assert any("7 fixes with a height of 0" in note for note in found.notes)
+    assert any("7 fixes at a height of 0 m" in note for note in found.notes)
     (tmp_path / "a.gpx").write_text(in_track().replace(f"<ele>{HEIGHT_M}</ele>", "<ele>0</ele>"))
     code, words = run("localize", tmp_path / "a.gpx", "-o", tmp_path / "out", "-q")
     assert code == 0
-    assert "all heights are 0" in words
+    assert "all heights of the fixes are 0" in words
     code, words = run(
         "reconstruct", tmp_path / "a.gpx", "--antenna", "1", "--sigma", "2", "-o", tmp_path / "map"
     )

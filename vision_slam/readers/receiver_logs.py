@@ -471,13 +471,14 @@ def decimal_degrees(parts: list[str], where: str) -> float:
 
 
 class _GrafNavColumns(NamedTuple):
-    """Name, unit and first word of each value that is read, the words of a row, and the lines before the rows."""
+    """Name, unit and words of each value that is read, the words of a row, the lines before the rows, and names that are not read."""
 
     name: dict[str, str]
     unit: dict[str, str]
     words: dict[str, slice]
     n_words: int
     head: list[str]
+    unused: tuple[str, ...]
 
 
 def is_grafnav(lines: list[str]) -> bool:
@@ -519,7 +520,7 @@ def read_grafnav(path: Path) -> ReceiverFixes:
         is_geodetic="longitude" in columns.name,
         is_dated=is_dated,
         vertical_datum=ELLIPSOIDAL if columns.name["height"] == "h-ell" else UNSTATED,
-        notes=_datum_notes(columns.head),
+        notes=(*_datum_notes(columns.head), *_unused_notes(columns)),
         sigma_z_m=np.maximum(upward, _LEAST_SIGMA_M) if np.isfinite(upward).all() else None,
     )
 
@@ -560,6 +561,7 @@ def _grafnav_columns(lines: list[str], first: int, file: Path) -> _GrafNavColumn
         {kind: slice(begins[k], begins[k + 1]) for kind, k in at.items()},
         begins[-1],
         lines[:first],
+        tuple(name.group() for k, name in enumerate(names) if k not in at.values()),
     )
 
 
@@ -597,6 +599,11 @@ def _grafnav_time_s(words: list[str], columns: _GrafNavColumns) -> float:
     if "week" in columns.name and len(hours) == 1:
         return gps_week_s(float(words[columns.words["week"].start]), second)
     return second
+
+
+def _unused_notes(columns: _GrafNavColumns) -> tuple[str, ...]:
+    """Return a note of columns that are not read."""
+    return (f"columns that are not used: {', '.join(columns.unused)}",) if columns.unused else ()
 
 
 def _datum_notes(head: list[str]) -> tuple[str, ...]:

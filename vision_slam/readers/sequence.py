@@ -97,7 +97,7 @@ def _refuse_disorder(time_s: FloatArray, numbers: IntArray, where: str) -> None:
 WGS84 = CRS.from_epsg(4326)
 logger = logging.getLogger(__name__)
 ZERO_HEIGHTS = (
-    "all heights are 0, as programs write one where they have none: the path is no more than a line on a map"
+    "all heights of the fixes are 0, as those write who know none: heights of path and map count from there"
 )
 """Note of a log whose heights are no heights."""
 _NEAR_RAD = 0.015  # 100 km over the radius of the Earth
