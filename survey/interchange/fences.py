@@ -127,7 +127,7 @@ def area_fence(area: SurveyArea, xy: FloatArray, most_corners: int, holder: str)
     if fence is None:
         raise InputError(
             f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of the area and "
-            "its no-go zones fewer corners."
+            "its no-go zones in the area file fewer corners."
         )
     whole = "" if fence.outline.covers(area.polygon) else " and surrounds the route, not the whole area"
     return fence._replace(
