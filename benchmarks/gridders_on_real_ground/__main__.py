@@ -137,7 +137,7 @@ class _RowsOf:
         yield self._row(f"{name}, worst", ratios.max(), "x", worst)
 
     def _kinds(self) -> Iterator[tuple[str, list[Judged]]]:
-        """Yield the surveys of each kind; there are no ground points in a quick run."""
+        """Yield the surveys of each kind; a quick run has the first two."""
         for kind in KINDS:
             chosen = [one for one in self.found if one.case.kind == kind]
             if chosen:

@@ -6,14 +6,15 @@ them; ground points lie anywhere, as those of a lidar.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from affine import Affine
 
 from benchmarks.landmarks import FARTHEST_M
-from benchmarks.promise_on_real_ground.windows import SEED, landscape_of, site_of
+from benchmarks.promise_on_real_ground.windows import SEED, site_of, windows
 from survey import Dem, Grid
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.core.streams import stream
 
 LINES = {"side/4": 4, "side/8": 8, "side/16": 16}
@@ -40,44 +41,36 @@ class Survey:
     prior: Dem
 
 
+class Samples(NamedTuple):
+    """Places (N, 2) and standard deviations (N,) of samples [m]."""
+
+    xy: FloatArray
+    sigma_m: FloatArray
+
+
 def survey_of(landscape: str, index: int, kind: str) -> Survey:
     """Return a survey of a window: lines of one density, landmarks or ground points."""
-    site = site_of(landscape, index)
-    prior = block_means(
-        site.terrain, landscape_of(landscape).side_m, stream(SEED, "blocks", landscape, index)
-    )
-    bounds, rng = site.area.bounds, stream(SEED, "gridders", landscape, index, kind)
-    return measured(site.terrain, prior, *places(kind, bounds, rng, along_y=index % 2 == 1), rng)
+    site, bounds = site_of(landscape, index), windows(landscape)[index]
+    rng = stream(SEED, "gridders", landscape, index, kind)
+    samples = samples_of(kind, site.area.bounds, rng, along_y=index % 2 == 1)
+    z = site.terrain.at(samples.xy) + samples.sigma_m * rng.standard_normal(len(samples.xy))
+    xmin, _, xmax, _ = site.area.bounds
+    grid = Grid(site.area.bounds, (xmax - xmin) / N_NODES, site.terrain.crs)
+    prior = block_means(site.terrain, bounds, stream(SEED, "blocks", landscape, index))
+    return Survey(samples.xy, z, samples.sigma_m, grid, site.terrain.at(grid.xy), prior)
 
 
-def measured(
-    terrain: Dem,
-    prior: Dem,
-    bounds: FloatArray,
-    xy: FloatArray,
-    sigma_m: FloatArray,
-    rng: np.random.Generator,
-) -> Survey:
-    """Measure a terrain at places (N, 2) with standard deviations (N,), to be mapped within bounds [m]."""
-    grid = Grid(tuple(bounds), (bounds[2] - bounds[0]) / N_NODES, terrain.crs)
-    z = terrain.at(xy) + sigma_m * rng.standard_normal(len(xy))
-    return Survey(xy, z, sigma_m, grid, terrain.at(grid.xy), prior)
-
-
-def places(
-    kind: str, bounds: tuple[float, float, float, float], rng: np.random.Generator, *, along_y: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return bounds, places (N, 2) and standard deviations (N,) of a survey of a square [m]."""
-    corner, side_m = np.array(bounds[:2]), bounds[2] - bounds[0]
+def samples_of(kind: str, square: Bounds, rng: np.random.Generator, *, along_y: bool) -> Samples:
+    """Return the samples of a survey of a square, along x or y."""
+    side_m = square[2] - square[0]
     if kind in LINES:
-        along_across, sigma_m = _lines(LINES[kind], side_m), None
+        at = _lines(LINES[kind], side_m)
+        sigma_m = np.full(len(at), NOISE_M)
     elif kind == "landmarks":
-        along_across, sigma_m = _landmarks(side_m, rng)
+        at, sigma_m = _landmarks(side_m, rng)
     else:
-        along_across, sigma_m = rng.uniform(0.0, side_m, (N_GROUND_POINTS, 2)), None
-    xy = corner + (along_across[:, ::-1] if along_y else along_across)
-    square = np.array([*corner, *(corner + side_m)])
-    return square, xy, np.full(len(xy), NOISE_M) if sigma_m is None else sigma_m
+        at, sigma_m = rng.uniform(0.0, side_m, (N_GROUND_POINTS, 2)), np.full(N_GROUND_POINTS, NOISE_M)
+    return Samples(np.array(square[:2]) + (at[:, ::-1] if along_y else at), sigma_m)
 
 
 def _lines(n: int, side_m: float) -> FloatArray:
@@ -87,7 +80,7 @@ def _lines(n: int, side_m: float) -> FloatArray:
     return np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
 
 
-def _landmarks(side_m: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _landmarks(side_m: float, rng: np.random.Generator) -> Samples:
     """Return places (N, 2) along and across lines, and standard deviations (N,) that grow with the range [m]."""
     n, n_lines = 4 * N_LANDMARKS, LINES["side/4"]
     line, start = rng.integers(0, n_lines, n), rng.uniform(0.0, side_m, n)
@@ -96,14 +89,14 @@ def _landmarks(side_m: float, rng: np.random.Generator) -> tuple[FloatArray, Flo
     at = np.stack([start + range_m * np.sin(bearing), across], axis=-1)
     inside = ((at >= 0.0) & (at <= side_m)).all(axis=1) & (range_m < FARTHEST_M)
     seen = np.flatnonzero(inside)[:N_LANDMARKS]
-    return at[seen], np.minimum(0.05 + 0.01 * range_m[seen], 0.5)
+    return Samples(at[seen], np.minimum(0.05 + 0.01 * range_m[seen], 0.5))
 
 
-def block_means(terrain: Dem, side_m: float, rng: np.random.Generator) -> Dem:
+def block_means(terrain: Dem, bounds: Bounds, rng: np.random.Generator) -> Dem:
     """Return means over cells of 30 m, or of 15 m below a side of 300 m, with their errors."""
-    cell_m = 30.0 if side_m >= 300.0 else 15.0
-    west, _, _, north = terrain.bounds
-    n = round(side_m / cell_m)
+    west, _, east, north = bounds
+    cell_m = 30.0 if round(east - west) >= 300 else 15.0
+    n = round((east - west) / cell_m)
     middle = cell_m * (np.arange(n) + 0.5)
     cells = np.stack(np.meshgrid(west + middle, north - middle), axis=-1).reshape(-1, 1, 2)
     within = cell_m * ((np.arange(_N_SUBCELLS) + 0.5) / _N_SUBCELLS - 0.5)
