@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from survey.core.lengths import FOOT_M
 from survey.scoring.accuracy import ErrorStatistics
 from survey.scoring.standards.checkpoint_errors import rmse_factors
 from survey.scoring.standards.map_classes import map_classes
 from survey.scoring.standards.standards import (
     CONTOURS,
-    FOOT_M,
     SPOT_HEIGHTS,
     accuracy_r,
     accuracy_z,

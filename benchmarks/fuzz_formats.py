@@ -2,6 +2,7 @@
 
 Reading may give an answer or a refusal of one sentence; any other exception, a crash of the process, a read
 of more than ten seconds or memory beyond 2 GB is a finding.  Cases are numbered, and come again by number.
+With ``--real FOLDER …`` files of other programs are damaged instead of our own (`benchmarks.foreign_files`).
 A library that never comes back is seen by the case that stays in the file ``at``; over dem.nc 3069 HDF5 would,
 were NetCDF files not read by a process with a time limit first.
 """
@@ -14,10 +15,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.foreign_files import READERS, made, real_files
 from benchmarks.format_samples import SAMPLES, mutated, put
 from survey.core.errors import FirnlineError
 
@@ -27,13 +30,15 @@ LARGEST_BYTES = 2 * 10**9
 _ADDRESS_SPACE_BYTES = 8 * 10**9
 
 
-def outcome(name: str, whole: bytes, seed: int, folder: Path) -> str:
+def outcome(
+    name: str, whole: bytes, seed: int, folder: Path, read: Callable[[Path], object] | None = None
+) -> str:
     """Read one damaged file; return ``answer``, ``refused``, or what went wrong."""
     path = folder / name
     put(path, mutated(whole, np.random.default_rng(seed)))
     start = time.process_time()
     try:
-        SAMPLES[name].read(path)
+        (read or SAMPLES[name].read)(path)
         found = "answer"
     except FirnlineError as refusal:
         found = (
@@ -47,14 +52,22 @@ def outcome(name: str, whole: bytes, seed: int, folder: Path) -> str:
     return found if seconds < SLOWEST_S else f"slow: {seconds:.0f} s"
 
 
-def run(seconds: float, first: int, progress: Path | None = None) -> tuple[Counter[str], list[str], int]:
+def run(
+    seconds: float, first: int, progress: Path | None = None, real: Sequence[Path] = ()
+) -> tuple[Counter[str], list[str], int]:
     """Damage one format after the other until time is up; return counts, findings and the next number."""
     counts: Counter[str] = Counter()
     findings: list[str] = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        wholes = {}
-        for name, sample in SAMPLES.items():
+        wholes, readers = {}, {}
+        if real:
+            made(folder)
+            files = real_files((*real, folder))
+            wholes = {f"{number}-{file.name}": file.read_bytes() for number, file in enumerate(files)}
+            readers = {name: READERS[Path(name).suffix.lower()] for name in wholes}
+            print(f"{len(wholes)} files of other programs", file=sys.stderr)
+        for name, sample in () if real else SAMPLES.items():
             sample.write(folder / name)
             wholes[name] = (folder / name).read_bytes()
         end, seed = time.monotonic() + seconds, first
@@ -62,7 +75,7 @@ def run(seconds: float, first: int, progress: Path | None = None) -> tuple[Count
             for name, whole in wholes.items():
                 if progress is not None:
                     progress.write_text(f"{name} {seed}")
-                found = outcome(name, whole, seed, folder)
+                found = outcome(name, whole, seed, folder, readers.get(name))
                 counts[found if found in ("answer", "refused") else "finding"] += 1
                 if found not in ("answer", "refused"):
                     findings.append(f"{name} {seed}: {found[:300]}")
@@ -70,7 +83,7 @@ def run(seconds: float, first: int, progress: Path | None = None) -> tuple[Count
     return counts, findings, seed
 
 
-def supervised(seconds: float, first: int) -> dict[str, object]:
+def supervised(seconds: float, first: int, real: Sequence[Path]) -> dict[str, object]:
     """Run in a process of its own, begun again behind a case that kills it."""
     end, seed = time.monotonic() + seconds, first
     total: Counter[str] = Counter()
@@ -89,6 +102,7 @@ def supervised(seconds: float, first: int) -> dict[str, object]:
                 str(report),
             ]
             command += ["--seconds", f"{left:.0f}", "--first", str(seed), "--at", str(progress)]
+            command += ["--real", *map(str, real)] if real else []
             code = subprocess.run(command, check=False, stderr=subprocess.DEVNULL).returncode
             if report.exists():
                 content = json.loads(report.read_text())
@@ -106,14 +120,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument(
+        "--real", type=Path, nargs="+", default=[], help="folders with files of other programs"
+    )
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--at", type=Path, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.child is None:
-        print(json.dumps(supervised(chosen.seconds, chosen.first), indent=2))
+        print(json.dumps(supervised(chosen.seconds, chosen.first, chosen.real), indent=2))
         return
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE_BYTES, _ADDRESS_SPACE_BYTES))
-    counts, findings, following = run(chosen.seconds, chosen.first, chosen.at)
+    counts, findings, following = run(chosen.seconds, chosen.first, chosen.at, chosen.real)
     largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if largest > LARGEST_BYTES:
         findings.append(f"memory: {largest / 1e9:.1f} GB")

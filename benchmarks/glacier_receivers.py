@@ -59,7 +59,7 @@ def stretches(folder: Path) -> FloatArray:
     """Return the errors (S, 40, 2) [m] of all stretches without a gap, east and north."""
     found = []
     for file in sorted(folder.glob("*.dat")):
-        time_s, place, _ = read_positions(file)
+        time_s, place, *_ = read_positions(file)
         scale = _M_PER_DEG * np.array([np.cos(np.radians(place[0, 1])), 1.0])
         level = (place[:, :2] - place[0, :2]) * scale
         for first in range(0, len(time_s) - _N_FIXES + 1, _N_FIXES):

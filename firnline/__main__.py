@@ -18,6 +18,11 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("firnline: interrupted before any work started.\n")
         raise SystemExit(130) from None
+    except (OSError, MemoryError, ImportError) as error:
+        sys.stderr.write(
+            f"firnline: cannot start ({error}); check the installation and the limits of the process (ulimit -a).\n"
+        )
+        raise SystemExit(3) from None
 
 
 if __name__ == "__main__":

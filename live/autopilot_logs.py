@@ -10,13 +10,13 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pyproj import CRS
 
 from survey import InputError, Recording
-from survey.core import BoolArray, FloatArray, existing_file, projected_crs
+from survey.core import BoolArray, FloatArray, existing_file, projected_crs, refusing_damage
 from survey.core.transformation import WGS84, chosen_crs, transformed
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
 
@@ -24,6 +24,11 @@ LEAST_FIX = 3
 # Horizontal errors of fixes by their type, where the receiver states none: 3-D, differential, RTK float, RTK fixed [m].
 _SIGMA_M = {3: 1.1, 4: 0.6, 5: 0.3, 6: 0.02}
 _BEST_TYPE = 6
+_UPWARD = 1.7  # error of heights over that across
+# Types of vehicles as MAVLink numbers them.
+_FLYING = frozenset({*range(1, 5), *range(7, 10), *range(13, 18), *range(19, 26), 28, 29, 35, 36, 43})
+_ON_THE_GROUND = frozenset({10, 11, 12})
+_MULTICOPTER, _ROVER = 2, 10
 _NORTHWARD_DEG = 1e-3
 # Headings farther from the fixes than this were stamped by another clock.
 _APART_S = 60.0
@@ -31,33 +36,60 @@ _APART_S = 60.0
 
 @dataclass
 class LogColumns:
-    """Rows of fixes, wheels and inertial readings.
+    """Rows of fixes of each receiver, wheels and inertial readings.
 
-    `fixes`: time [s], longitude, latitude [deg], height [m], type of fix, stated horizontal error [m] or NaN.
-    `wheels`: time [s], distance of the left and of the right side [m]. `inertial`: time [s], rates [rad/s]
+    `receivers`: by name time [s], longitude, latitude [deg], height [m], type of fix, stated errors across and of the height
+    [m] or NaN. `wheels`: time [s], distance of the left and of the right side [m]. `inertial`: time [s], rates [rad/s]
     and specific force [m/s²] forward, right, down. `headings`: time [s], yaw that the autopilot estimated,
-    clockwise from true north [rad].
+    clockwise from true north [rad]. `vehicle`: what the log calls it where it is one that flies, or ``""``. `is_ground`:
+    whether the log calls it one that does not. `has_flown`: whether it was seen in the air. `lost`: what the log itself lost, one
+    note each.
     """
 
-    fixes: list[tuple[float, ...]] = field(default_factory=list)
+    receivers: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     wheels: list[tuple[float, ...]] = field(default_factory=list)
     inertial: list[tuple[float, ...]] = field(default_factory=list)
     headings: list[tuple[float, ...]] = field(default_factory=list)
+    vehicle: str = ""
+    is_ground: bool = False
+    has_flown: bool = False
+    lost: list[str] = field(default_factory=list)
+
+    @property
+    def flown(self) -> str:
+        """Why fixes of the log are no ground: the vehicle that flies, or ``""``; its type counts more than a land detector."""
+        if self.vehicle or self.is_ground:
+            return self.vehicle
+        return "a vehicle that was in the air" if self.has_flown else ""
+
+    def add_fix(self, receiver: str, *row: Any) -> None:
+        """Add the fix of a receiver."""
+        self.receivers.setdefault(receiver, []).append(tuple(map(float, row)))
+
+    def set_vehicle(self, kind: int, name: str = "") -> None:
+        """Take the type of a vehicle as MAVLink numbers it."""
+        if kind in _FLYING:
+            self.vehicle = name or f"a vehicle that flies (MAV_TYPE {kind})"
+        elif kind in _ON_THE_GROUND:
+            self.is_ground = True
 
     def recording(self, path: Path, crs: CRS | str | None) -> tuple[Recording, tuple[str, ...]]:
         """Return the recording, and what was left out or assumed."""
-        rows = np.array(self.fixes, dtype=np.float64).reshape(-1, 6)
-        is_fix = (rows[:, 4] >= LEAST_FIX) & np.isfinite(rows[:, :4]).all(axis=1)
-        rows = rows[is_fix]
-        rows = rows[_increasing(rows[:, 0])]
+        usable = {name: _usable(rows) for name, rows in self.receivers.items()}
+        chosen = max(usable, key=lambda name: len(usable[name]), default="")
+        rows = usable.get(chosen, np.zeros((0, 7)))
         if len(rows) < 2:
             raise InputError(f"{path} holds {len(rows)} fixes of three dimensions; at least two are needed.")
         target = chosen_crs(rows[:1, 1], rows[:1, 2]) if crs is None else projected_crs(crs, "the log")
         xy = transformed(rows[:, 1:3], WGS84, target, "the fixes")
-        gps = GpsFixes(rows[:, 0], np.column_stack([xy, rows[:, 3]]), _sigma_m(rows))
+        gps = GpsFixes(rows[:, 0], np.column_stack([xy, rows[:, 3]]), _sigma_m(rows), _sigma_z_m(rows))
+        n_bad = len(self.receivers[chosen]) - len(rows)
+        others = ", ".join(f"{len(usable[name])} of {name}" for name in usable if name != chosen)
         notes = (
             f"works in {target.name}",
-            f"{len(is_fix) - len(rows)} records of the receiver without a fix or out of order are left out",
+            f"{n_bad} records of the receiver without a fix or out of order are left out",
+            *self.lost,
+            *([f"{len(rows)} fixes of {chosen} are used, and left out are {others}"] if others else []),
         )
         wheels, inertial = _table(self.wheels, 3), _table(self.inertial, 7)
         recording = Recording(
@@ -70,6 +102,15 @@ class LogColumns:
             compass=_compass(_table(self.headings, 2), rows, target),
         )
         return recording, notes
+
+
+def _usable(found: list[tuple[float, ...]]) -> FloatArray:
+    """Return fixes of three dimensions in the order of their times."""
+    rows = np.array(found, dtype=np.float64).reshape(-1, 7)
+    is_fix = (rows[:, 4] >= LEAST_FIX) & np.isfinite(rows[:, :4]).all(axis=1) & rows[:, 1:3].any(axis=1)
+    rows = rows[is_fix]
+    fixes: FloatArray = rows[_increasing(rows[:, 0])]
+    return fixes
 
 
 def _table(rows: list[tuple[float, ...]], n_columns: int) -> FloatArray:
@@ -95,6 +136,12 @@ def _sigma_m(rows: FloatArray) -> FloatArray:
     return np.where(np.isfinite(stated) & (stated > 0.0), stated, by_type)
 
 
+def _sigma_z_m(rows: FloatArray) -> FloatArray:
+    """Return the standard deviation of the height of each fix: stated, or 1.7 times the horizontal one."""
+    stated = rows[:, 6]
+    return np.where(np.isfinite(stated) & (stated > 0.0), stated, _UPWARD * _sigma_m(rows))
+
+
 def _in_body_frame(rows: FloatArray) -> Inertial:
     """Turn forward, right, down into forward, left, up."""
     turned = rows[:, 1:] * np.tile([1.0, -1.0, -1.0], 2)
@@ -113,16 +160,28 @@ def _compass(headings: FloatArray, fixes: FloatArray, crs: CRS) -> Compass | Non
 
 
 LOG_ENDINGS = (".bin", ".tlog", ".ulg")
-_TOPICS = ("vehicle_gps_position", "sensor_gps", "sensor_combined", "vehicle_attitude")
+_TOPICS = (
+    *("vehicle_gps_position", "sensor_gps", "sensor_combined", "vehicle_attitude"),
+    *("vehicle_status", "vehicle_land_detected"),
+)
 _MICRO, _MILLI, _PER_DEGREE = 1e-6, 1e-3, 1e7
 
 
-def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[Recording, tuple[str, ...]]:
+class AutopilotLog(NamedTuple):
+    """Recording of a log, what was left out or assumed, and what the log calls a vehicle that flies; ``""`` for others."""
+
+    recording: Recording
+    notes: tuple[str, ...]
+    flown: str = ""
+
+
+def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> AutopilotLog:
     """Read fixes with their quality, wheels, inertial readings and headings from the log of an autopilot.
 
     Wheels are read from ArduPilot (WENC, WHEEL_DISTANCE); PX4 logs angles of wheels without their radius. The yaw that an
     autopilot estimated counts as its compass. Its roll and pitch are not read: localization estimates them from the inertial
-    readings.
+    readings. Of several receivers that with the most fixes is used. A vehicle flies by its type, or where that is unknown by
+    the autopilot's land detector.
     """
     file = existing_file(path, "the log")
     reader = _READERS.get(file.suffix.lower())
@@ -130,15 +189,9 @@ def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[
         raise InputError(
             f"{file.name} ends in {file.suffix!r}; one of {', '.join(LOG_ENDINGS)} was expected."
         )
-    try:
+    with refusing_damage(f"the log {file}", "log of the format of its suffix"):
         columns = reader(file)
-    except InputError:
-        raise
-    except Exception as error:  # readers of logs raise errors of many kinds on damaged files
-        raise InputError(
-            f"the log {file} is damaged or not of the format of its ending ({type(error).__name__}: {error}); get it again."
-        ) from error
-    return columns.recording(file, crs)
+    return AutopilotLog(*columns.recording(file, crs), columns.flown)
 
 
 def _read_mavlink(file: Path) -> LogColumns:
@@ -157,15 +210,39 @@ def _read_mavlink(file: Path) -> LogColumns:
 
 
 def _take_gps(message: Any, columns: LogColumns) -> None:
-    if getattr(message, "I", 0) == 0:
-        place = message.Lng, message.Lat, message.Alt
-        columns.fixes.append((message.TimeUS * _MICRO, *place, float(message.Status), math.nan))
+    place = message.Lng, message.Lat, message.Alt
+    row = message.TimeUS * _MICRO, *place, message.Status, math.nan, math.nan
+    columns.add_fix(_receiver(message), *row)
 
 
 def _take_accuracy(message: Any, columns: LogColumns) -> None:
-    """Complete the last fix by the accuracy that follows it."""
-    if getattr(message, "I", 0) == 0 and columns.fixes:
-        columns.fixes[-1] = (*columns.fixes[-1][:5], float(message.HAcc))
+    """Complete the last fix of a receiver by the accuracy that follows it."""
+    rows = columns.receivers.get(_receiver(message))
+    if rows:
+        rows[-1] = (*rows[-1][:5], float(message.HAcc), float(getattr(message, "VAcc", math.nan)))
+
+
+def _receiver(message: Any) -> str:
+    """Return the name of the receiver that a message of ArduPilot is of: GPS 0, GPS 1; before version 4.1 GPS and GPS2."""
+    kind = str(message.get_type()).replace("GPA", "GPS")
+    return f"{kind} {message.I}" if hasattr(message, "I") else kind
+
+
+def _take_words(message: Any, columns: LogColumns) -> None:
+    """Take the vehicle from the name of the program, such as ArduCopter V4.5.7."""
+    words = str(message.Message)
+    found = next((kind for name, kind in _PROGRAMS.items() if words.startswith(name)), None)
+    if found is not None:
+        columns.set_vehicle(found, words.split(" (", maxsplit=1)[0])
+
+
+def _take_heartbeat(message: Any, columns: LogColumns) -> None:
+    if message.autopilot != _NO_AUTOPILOT:
+        columns.set_vehicle(message.type)
+
+
+def _take_landed_state(message: Any, columns: LogColumns) -> None:
+    columns.has_flown |= message.landed_state in _IN_THE_AIR
 
 
 def _take_wheels(message: Any, columns: LogColumns) -> None:
@@ -180,8 +257,9 @@ def _take_imu(message: Any, columns: LogColumns) -> None:
 
 def _take_raw_fix(message: Any, columns: LogColumns) -> None:
     place = message.lon / _PER_DEGREE, message.lat / _PER_DEGREE, message.alt * _MILLI
-    stated = message.h_acc * _MILLI if message.h_acc else math.nan
-    columns.fixes.append((message.time_usec * _MICRO, *place, float(message.fix_type), stated))
+    stated = (value * _MILLI if value else math.nan for value in (message.h_acc, message.v_acc))
+    name = f"{message.get_type()} of system {message.get_srcSystem()}"
+    columns.add_fix(name, message.time_usec * _MICRO, *place, message.fix_type, *stated)
 
 
 def _take_wheel_distance(message: Any, columns: LogColumns) -> None:
@@ -202,8 +280,15 @@ def _take_link_attitude(message: Any, columns: LogColumns) -> None:
     columns.headings.append((message.time_boot_ms * _MILLI, message.yaw))
 
 
+# Programs of ArduPilot by the type of their vehicle.
+_PROGRAMS = {
+    "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7, "ArduRover": 10, "Rover": 10, "APM:Copter": 2, "APM:Plane": 1,
+    "APM:Rover": 10, "ArduSub": 12,
+}  # fmt: skip
+_NO_AUTOPILOT, _IN_THE_AIR = 8, (2, 3, 4)
 _TAKEN: dict[str, Callable[[Any, LogColumns], None]] = {
-    "GPS": _take_gps, "GPA": _take_accuracy, "WENC": _take_wheels, "IMU": _take_imu, "ATT": _take_attitude,
+    "GPS": _take_gps, "GPS2": _take_gps, "GPA": _take_accuracy, "GPA2": _take_accuracy, "MSG": _take_words,
+    "HEARTBEAT": _take_heartbeat, "EXTENDED_SYS_STATE": _take_landed_state, "GPS2_RAW": _take_raw_fix, "WENC": _take_wheels, "IMU": _take_imu, "ATT": _take_attitude,
     "ATTITUDE": _take_link_attitude, "GPS_RAW_INT": _take_raw_fix, "WHEEL_DISTANCE": _take_wheel_distance,
     "HIGHRES_IMU": _take_highres_imu,
 }  # fmt: skip
@@ -213,19 +298,46 @@ def _read_ulog(file: Path) -> LogColumns:
     from pyulog import ULog
 
     columns = LogColumns()
-    for dataset in ULog(str(file), list(_TOPICS)).data_list:
+    log = ULog(str(file), list(_TOPICS))
+    columns.set_vehicle(int(log.initial_parameters.get("MAV_TYPE", 0)))
+    if log.file_corruption:
+        columns.lost.append("the log is damaged: messages that cannot be read are left out")
+    if log.dropouts:
+        lost_s = _MILLI * sum(dropout.duration for dropout in log.dropouts)
+        columns.lost.append(f"the logger lost {lost_s:.1f} s in {len(log.dropouts)} gaps")
+    for dataset in log.data_list:
         data = dataset.data
-        if dataset.multi_id != 0:
+        if dataset.name in ("vehicle_gps_position", "sensor_gps"):
+            columns.receivers[f"{dataset.name} {dataset.multi_id}"] = _ulog_fixes(data)
+        elif dataset.multi_id != 0:
             continue
-        if dataset.name == "vehicle_attitude":
+        elif dataset.name == "vehicle_attitude":
             columns.headings += _ulog_headings(data)
         elif dataset.name == "sensor_combined":
             names = [f"gyro_rad[{k}]" for k in range(3)] + [f"accelerometer_m_s2[{k}]" for k in range(3)]
             rows = zip(data["timestamp"] * _MICRO, *(data[name] for name in names), strict=True)
             columns.inertial += [tuple(map(float, row)) for row in rows]
-        elif not columns.fixes:
-            columns.fixes += _ulog_fixes(data)
+        elif dataset.name == "vehicle_land_detected":
+            columns.has_flown |= not data["landed"].all()
+        elif "vehicle_type" in data and len(data["vehicle_type"]):
+            _set_ulog_vehicle(int(data["vehicle_type"][-1]), columns)
     return columns
+
+
+# Types of vehicle_status with a type of MAVLink and their name.
+_ULOG_VEHICLES = {
+    1: (_MULTICOPTER, "a multicopter"),
+    2: (1, "an aircraft with fixed wings"),
+    3: (_ROVER, ""),
+    4: (7, "an airship"),
+}
+
+
+def _set_ulog_vehicle(kind: int, columns: LogColumns) -> None:
+    """Take the type of vehicle_status, which counts more than that of the parameters."""
+    if kind in _ULOG_VEHICLES:
+        columns.vehicle, columns.is_ground = "", False
+        columns.set_vehicle(*_ULOG_VEHICLES[kind])
 
 
 def _ulog_headings(data: dict[str, Any]) -> list[tuple[float, ...]]:
@@ -241,7 +353,8 @@ def _ulog_fixes(data: dict[str, Any]) -> list[tuple[float, ...]]:
         place = data["longitude_deg"], data["latitude_deg"], data["altitude_msl_m"]
     else:
         place = data["lon"] / _PER_DEGREE, data["lat"] / _PER_DEGREE, data["alt"] * _MILLI
-    rows = zip(data["timestamp"] * _MICRO, *place, data["fix_type"], data["eph"], strict=True)
+    errors = (data.get(name, np.full(len(data["timestamp"]), np.nan)) for name in ("eph", "epv"))
+    rows = zip(data["timestamp"] * _MICRO, *place, data["fix_type"], *errors, strict=True)
     return [tuple(map(float, row)) for row in rows]
 
 

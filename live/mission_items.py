@@ -6,18 +6,25 @@ QGroundControl or from a file ``QGC WPL 110``. `require_storable` refuses what a
 anything is sent.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from live.link import ARDUPILOT, PX4
 from survey import InputError, Route
-from survey.interchange.missions import NAV_WAYPOINT, MissionItem, Surroundings, fence_polygons, mission_items
+from survey.interchange.fences import LIMITS, FencePart, Limits
+from survey.interchange.mission_files import (
+    GLOBAL_FRAMES,
+    PLACES,
+    read_mission_file,
+    require_own_fence,
+    stops_of,
+)
+from survey.interchange.missions import NAV_WAYPOINT, Mission, MissionItem, Surroundings, mission_of
 
 MISSION, FENCE = 0, 1
 """Values of MAV_MISSION_TYPE."""
@@ -25,7 +32,6 @@ KIND_NAMES = {MISSION: "mission", FENCE: "fence"}
 PER_DEGREE = 1e7
 """Steps of latitude and longitude per degree; one is 11 mm along a meridian."""
 INCLUSION_POLYGON, EXCLUSION_POLYGON, INCLUSION_CIRCLE, EXCLUSION_CIRCLE = 5001, 5002, 5003, 5004
-_GLOBAL_FRAMES = (0, 3, 5, 6, 10, 11)
 # Autopilots store heights to the centimetre.
 _HEIGHT_STEP_M = 0.01
 
@@ -53,7 +59,7 @@ class LinkItem(NamedTuple):
         (601234568, -1395000000, 2.5)
         """
         first = [float("nan") if value is None else _single(value) for value in item.params[:4]]
-        scale = PER_DEGREE if item.frame in _GLOBAL_FRAMES else 1.0
+        scale = PER_DEGREE if item.frame in GLOBAL_FRAMES else 1.0
         # Nine decimals first, as in files of missions, so that both round alike.
         x, y = (round(round(value or 0.0, 9) * scale) for value in item.params[4:6])
         return cls(
@@ -65,6 +71,12 @@ class LinkItem(NamedTuple):
             _single(item.params[6] or 0.0),
         )
 
+    @property
+    def as_mission_item(self) -> MissionItem:
+        """Item with its place in degrees."""
+        place = self.degrees if self.frame in GLOBAL_FRAMES else (self.x, self.y)
+        return MissionItem(self.command, self.frame, (*self.params, *place, self.z))
+
     @classmethod
     def received(cls, message: Any) -> "LinkItem":
         """Read an item from a message MISSION_ITEM_INT."""
@@ -73,8 +85,8 @@ class LinkItem(NamedTuple):
 
     @property
     def is_waypoint(self) -> bool:
-        """Whether it is a place to drive to."""
-        return self.command == NAV_WAYPOINT and self.frame in _GLOBAL_FRAMES
+        """Whether it leads to a place."""
+        return self.command in PLACES and self.frame in GLOBAL_FRAMES
 
     @property
     def degrees(self) -> tuple[float, float]:
@@ -115,21 +127,13 @@ def _single(value: float) -> float:
 
 
 _MOST_ON_LINK = 65_535
-_FRAMES = (0, 2, 3, 5, 6, 10, 11)
-
-
-class Limits(NamedTuple):
-    """Items and corners that an autopilot stores with the defaults of its makers; boards may hold more."""
-
-    items: int
-    fence_corners: int
-
-
+_MOST_STEPS = 2**31 - 1
+_FRAMES = (*GLOBAL_FRAMES, 2)
 _FEWER = {
     MISSION: "plan fewer or straighter swaths or divide the route",
     FENCE: "give the outline of the area and its no-go zones fewer corners",
 }
-_LIMITS = {ARDUPILOT: Limits(724, 70), PX4: Limits(2000, 64)}
+_LIMITS = {ARDUPILOT: LIMITS["ardupilot"], PX4: LIMITS["px4"]}
 
 
 def limits_of(autopilot: int) -> Limits:
@@ -168,8 +172,13 @@ def _require_sound(index: int, item: LinkItem, name: str) -> None:
     """Refuse a frame or a place that no autopilot takes."""
     if item.frame not in _FRAMES:
         raise InputError(
-            f"item {index} of the {name} has the altitude frame {item.frame}; one of {', '.join(map(str, _FRAMES))} was "
+            f"item {index} of the {name} has the altitude frame {item.frame}; one of {', '.join(map(str, sorted(_FRAMES)))} was "
             "expected (above sea level, relative to home, above terrain)."
+        )
+    if max(abs(item.x), abs(item.y)) > _MOST_STEPS:
+        raise InputError(
+            f"item {index} of the {name} (command {item.command}) has the parameters {item.x}, {item.y} where the link holds "
+            f"at most {_MOST_STEPS}; give it a place in degrees, or delete it."
         )
     latitude, longitude = item.degrees
     if item.is_waypoint and not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
@@ -181,7 +190,9 @@ def _require_sound(index: int, item: LinkItem, name: str) -> None:
 def _require_apart(items: Sequence[LinkItem]) -> None:
     """Refuse neighbouring waypoints that the resolution of the link makes one."""
     for index, (one, other) in enumerate(pairwise(items), start=1):
-        if one.is_waypoint and other.is_waypoint and (one.x, one.y, one.z) == (other.x, other.y, other.z):
+        if one.is_waypoint and (one.command, one.x, one.y, one.z) == (
+            other.command, other.x, other.y, other.z,
+        ):  # fmt: skip
             raise InputError(
                 f"waypoints {index - 1} and {index} are one place at the resolution of the link, 1e-7 deg or 11 mm; "
                 "leave one of them out."
@@ -189,7 +200,6 @@ def _require_apart(items: Sequence[LinkItem]) -> None:
 
 
 _FRAME_GLOBAL = 0
-_COLUMNS_OF_WPL = 12
 
 
 @dataclass(frozen=True)
@@ -197,34 +207,35 @@ class AutopilotMission:
     """Items of a mission and of a fence, in degrees.
 
     `items`: without the home position. `fence`: corners of polygons and circles; empty where no area is
-    known.
+    known. `notes`: what a file holds beside them and what was done to the fence.
     """
 
     items: tuple[MissionItem, ...]
     fence: tuple[MissionItem, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @classmethod
-    def of_route(cls, route: Route, around: Surroundings) -> "AutopilotMission":
+    def of_route(cls, route: Route, around: Surroundings) -> Self:
         """Return the mission that ``firnline export ROUTE mission.plan`` writes."""
         around.check(route)
-        polygons = [_polygon(fence["polygon"], fence["inclusion"]) for fence in fence_polygons(route, around)]
-        return cls(tuple(mission_items(route, around)), tuple(item for fence in polygons for item in fence))
+        return cls._of(mission_of(route, Path("the mission"), around))
 
     @classmethod
-    def read(cls, path: Path) -> "AutopilotMission":
-        """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is."""
-        reader = _read_wpl if path.suffix.lower() == ".waypoints" else _read_qgc_plan
-        try:
-            mission = reader(path.read_text(encoding="utf-8"))
-        except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+    def read(cls, path: Path) -> Self:
+        """Read a ``.plan`` of QGroundControl or a mission ``QGC WPL 110`` as it is; it has to stay within its fence."""
+        mission, where = read_mission_file(path), f"the mission {path}"
+        if not stops_of(mission, where):
             raise InputError(
-                f"the mission {path} is damaged or not of the format of its ending ({error}); save it again."
-            ) from error
-        if not any(LinkItem.of(item).is_waypoint for item in mission.items):
-            raise InputError(
-                f"the mission {path} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
+                f"{where} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
             )
-        return mission
+        require_own_fence(mission, where)
+        return cls._of(mission)
+
+    @classmethod
+    def _of(cls, mission: Mission) -> Self:
+        fence = tuple(item for part in mission.fence for item in _fence_items(part))
+        notes = [f"not sent: {', '.join(mission.left_out)}."] if mission.left_out else []
+        return cls(mission.items, fence, (*notes, mission.note) if mission.note else tuple(notes))
 
     def link_items(self, autopilot: int) -> list[LinkItem]:
         """Return the items for a vehicle; those of ArduPilot begin with the home position, which is no waypoint."""
@@ -240,50 +251,14 @@ class AutopilotMission:
         return [LinkItem.of(item) for item in self.fence]
 
 
-def _polygon(corners: list[list[float]], is_inclusion: bool) -> list[MissionItem]:
-    """Return the corners (latitude, longitude) [deg] of one polygon as items, each with their number."""
-    command = INCLUSION_POLYGON if is_inclusion else EXCLUSION_POLYGON
-    return [
-        MissionItem(command, _FRAME_GLOBAL, (len(corners), 0, 0, 0, latitude, longitude, 0))
-        for latitude, longitude in corners
-    ]
-
-
-def _circle(circle: dict[str, Any]) -> MissionItem:
-    """Return a circle of a plan file as an item."""
-    command = INCLUSION_CIRCLE if circle["inclusion"] else EXCLUSION_CIRCLE
-    latitude, longitude = circle["circle"]["center"]
-    return MissionItem(command, _FRAME_GLOBAL, (circle["circle"]["radius"], 0, 0, 0, latitude, longitude, 0))
-
-
-def _read_qgc_plan(text: str) -> AutopilotMission:
-    plan = json.loads(text)
-    fence = plan.get("geoFence", {})
-    polygons = [_polygon(one["polygon"], one["inclusion"]) for one in fence.get("polygons", [])]
-    circles = [_circle(one) for one in fence.get("circles", [])]
-    items = _simple_items(plan["mission"]["items"])
-    return AutopilotMission(tuple(items), tuple([item for one in polygons for item in one] + circles))
-
-
-def _simple_items(items: list[dict[str, Any]]) -> list[MissionItem]:
-    """Return the commands, those inside survey patterns included."""
-    found: list[MissionItem] = []
-    for item in items:
-        if "TransectStyleComplexItem" in item:
-            found += _simple_items(item["TransectStyleComplexItem"]["Items"])
-        else:
-            found.append(MissionItem(item["command"], item["frame"], tuple(item["params"])))
-    return found
-
-
-def _read_wpl(text: str) -> AutopilotMission:
-    """Read the lines after the home position."""
-    first, *rows = text.splitlines()
-    if first.split() != ["QGC", "WPL", "110"]:
-        raise ValueError(f"begins with {first[:40]!r}, not with QGC WPL 110")
-    cells = np.array([row.split() for row in rows if row.strip()], dtype=np.float64)
-    if cells.ndim != 2 or cells.shape[1] != _COLUMNS_OF_WPL:
-        raise ValueError("rows of 12 numbers were expected")
-    return AutopilotMission(
-        tuple(MissionItem(int(row[3]), int(row[2]), tuple(row[4:11].tolist())) for row in cells[1:])
+def _fence_items(part: FencePart) -> list[MissionItem]:
+    """Return a circle, or the corners of a polygon, each with their number."""
+    is_circle = part.radius_m > 0.0
+    polygon, circle = (
+        (INCLUSION_POLYGON, INCLUSION_CIRCLE) if part.is_inclusion else (EXCLUSION_POLYGON, EXCLUSION_CIRCLE)
     )
+    command, value = (circle, part.radius_m) if is_circle else (polygon, len(part.corners))
+    return [
+        MissionItem(command, _FRAME_GLOBAL, (value, 0, 0, 0, latitude, longitude, 0))
+        for latitude, longitude in part.corners
+    ]

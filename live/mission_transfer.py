@@ -3,19 +3,19 @@
 `send_items` and `fetch_items` are the mission protocol of MAVLink from the side of the ground station. Every message may
 be lost. A vehicle asks for the items one by one and takes the one that it waits for. While it is silent, the last item
 and those after it are sent unasked, since its request may be what was lost. A transfer ends with the vehicle's
-acknowledgement, with its refusal, or with `LinkLostError` when nothing came for as long as the patience. `start_mission`
+acknowledgement, with its refusal, with `LinkLostError` when nothing came for as long as the patience or the vehicle talked
+for as long without going on, or with `InputError` when it asks for one item again and again. `start_mission`
 commands the vehicle to begin the mission that it holds.
 
 `upload` sends mission and fence, reads them back and compares them; `downloaded_route` reads a mission as a route.
 """
 
 import logging
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from live.link import LinkAddress, LinkLostError, Vehicle
 from live.mission_items import (
@@ -32,12 +32,17 @@ from live.mission_items import (
 from survey import InputError, Leg, Route
 from survey.core import FloatArray, Progress, projected_crs
 from survey.core.transformation import WGS84, chosen_crs, transformed
+from survey.interchange.mission_files import driven_places
+from survey.interchange.missions import Mission
 
+_logger = logging.getLogger(__name__)
 _MISSION_RESEND_S = 0.3
 _FIRST_WAIT_S, _LEAST_WAIT_S, _MOST_WAIT_S = 0.3, 0.1, 1.5
 # Items that are sent without being asked for while a vehicle is silent; its requests may have been lost.
 _MOST_AHEAD = 8
 _COPIES, _MOST_ASKED, _MOST_PASSES = 3, 3, 8
+# At 50 % loss a vehicle has to ask for an item more often than this once in 10^12 items.
+_MOST_REPEATS = 100
 _COUNT_WAIT_S = 0.7
 # Near the last item a vehicle that has all of them may be silent: its acknowledgement was lost.
 _LAST_S = 3.0
@@ -55,6 +60,10 @@ _PASSING = (_CANCELLED, _ERROR)
 
 class TransferBrokenError(LinkLostError):
     """The vehicle gave a transfer up; what it held before still holds."""
+
+
+class TransferStalledError(LinkLostError):
+    """The vehicle talks and does not go on; over a poor link its next transfer may succeed."""
 
 
 def send_items(
@@ -88,7 +97,10 @@ class _Pace:
 
 @dataclass
 class _Sending:
-    """One transfer to a vehicle: the highest item that it asked for, and when it was heard last."""
+    """One transfer to a vehicle: the highest item that it asked for, when it was heard last, and when it went on last.
+
+    `said`: how often it said the same since then.
+    """
 
     vehicle: Vehicle
     items: Sequence[LinkItem]
@@ -96,6 +108,8 @@ class _Sending:
     progress: Progress | None
     highest: int = -1
     heard: float = field(default_factory=monotonic)
+    went_on: float = field(default_factory=monotonic)
+    said: Counter[str] = field(default_factory=Counter)
     pace: _Pace = field(default_factory=_Pace)
     _announced: float = -_MOST_WAIT_S
 
@@ -137,23 +151,34 @@ class _Sending:
         silent_s = monotonic() - self.heard
         if self.highest >= len(self.items) - 2 - _MOST_AHEAD and silent_s > _LAST_S and self.highest >= 0:
             return True
-        name = KIND_NAMES[self.kind]
-        _require_heard(
-            self.vehicle, self.heard, f"after item {self.highest + 1} of {len(self.items)} of the {name}"
-        )
+        when = f"after item {self.highest + 1} of {len(self.items)} of the {KIND_NAMES[self.kind]}"
+        _require_progress(self.vehicle, self.heard, self.went_on, when)
         return False
 
     def _taken(self, message: Any) -> bool:
         """Answer the vehicle; return whether it has all items."""
         self.heard = monotonic()
-        if message.get_type() == "MISSION_ACK":
+        is_end = message.get_type() == "MISSION_ACK"
+        self._count("acknowledged it" if is_end else f"asked for item {message.seq}")
+        if is_end:
             return _ends(message, self.vehicle, len(self.items), self.kind, is_begun=self.highest >= 0)
         if message.seq < len(self.items):
             _send_item(self.vehicle, self.items, message.seq, self.kind)
-            if self.progress is not None and message.seq > self.highest:
-                self.progress(f"sending the {KIND_NAMES[self.kind]}", message.seq + 1, len(self.items))
-            self.highest = max(self.highest, message.seq)
+            if message.seq > self.highest:
+                self.highest, self.went_on = message.seq, self.heard
+                self.said.clear()
+                if self.progress is not None:
+                    self.progress(f"sending the {KIND_NAMES[self.kind]}", message.seq + 1, len(self.items))
         return False
+
+    def _count(self, words: str) -> None:
+        """Refuse a vehicle that says the same again and again."""
+        self.said[words] += 1
+        if self.said[words] > _MOST_REPEATS:
+            raise InputError(
+                f"{self.vehicle.name} {words} {_MOST_REPEATS} times while {len(self.items)} items of the "
+                f"{KIND_NAMES[self.kind]} were sent, and did not go on; restart the autopilot and run the command again."
+            )
 
 
 def fetch_items(vehicle: Vehicle, kind: int, progress: Progress | None = None) -> list[LinkItem]:
@@ -162,7 +187,7 @@ def fetch_items(vehicle: Vehicle, kind: int, progress: Progress | None = None) -
     for _ in range(_MOST_PASSES):
         n_items = reading.count()
         reading.walk(n_items)
-        if len(reading.found) == n_items:
+        if reading.found.keys() >= set(range(n_items)):
             reading.end()
             return [reading.found[index] for index in range(n_items)]
     raise LinkLostError(
@@ -184,17 +209,18 @@ class _Reading:
     kind: int
     progress: Progress | None
     found: dict[int, LinkItem] = field(default_factory=dict)
+    heard: float = field(default_factory=monotonic)
+    went_on: float = field(default_factory=monotonic)
     pace: _Pace = field(default_factory=_Pace)
 
     def count(self) -> int:
         """Ask how many items there are, which begins a transfer."""
-        began = monotonic()
         while True:
             self.vehicle.mav.mission_request_list_send(self.vehicle.system, self.vehicle.component, self.kind)
             message = self._received(("MISSION_COUNT",), max(self.pace.wait_s, _COUNT_WAIT_S))
             if message is not None:
                 return int(message.count)
-            _require_heard(self.vehicle, began, f"before the {KIND_NAMES[self.kind]} was read")
+            self._require_progress()  # the count itself is none: it begins a transfer, of which there are a few
 
     def walk(self, n_items: int) -> None:
         """Ask for all items in order, until the last one or until the vehicle answers no more."""
@@ -204,6 +230,7 @@ class _Reading:
             answered = next((k for k in asked if self._item(k)), None)
             n_silent = n_silent + 1 if answered is None else 0
             index = index if answered is None else answered + 1
+            self._require_progress()
             if self.progress is not None:
                 self.progress(f"reading the {KIND_NAMES[self.kind]} back", len(self.found), n_items)
 
@@ -223,7 +250,13 @@ class _Reading:
         if message is None:
             return False
         self.found[message.seq] = LinkItem.received(message)
+        if message.seq == index:  # also one that an earlier transfer found: their number is limited
+            self.went_on = self.heard
         return bool(message.seq == index)
+
+    def _require_progress(self) -> None:
+        when = f"after {len(self.found)} items of the {KIND_NAMES[self.kind]} were read"
+        _require_progress(self.vehicle, self.heard, self.went_on, when)
 
     def _received(self, types: tuple[str, ...], wait_s: float) -> Any | None:
         """Return an answer about this kind of items, or None after a time."""
@@ -232,7 +265,8 @@ class _Reading:
         if message is None:
             self.pace.silent()
             return None
-        self.pace.answered(monotonic() - asked)
+        self.heard = monotonic()
+        self.pace.answered(self.heard - asked)
         return message if message.mission_type == self.kind else None
 
 
@@ -244,7 +278,8 @@ def _clear(vehicle: Vehicle, kind: int) -> None:
         message = vehicle.receive(("MISSION_ACK",), _MISSION_RESEND_S)
         if message is not None and message.mission_type == kind and message.type == _MISSION_ACCEPTED:
             return
-        _require_heard(vehicle, asked, f"while the {KIND_NAMES[kind]} was cleared")
+        heard = asked if message is None else monotonic()
+        _require_progress(vehicle, heard, asked, f"while the {KIND_NAMES[kind]} was cleared")
 
 
 def _ends(message: Any, vehicle: Vehicle, n_items: int, kind: int, *, is_begun: bool) -> bool:
@@ -278,12 +313,19 @@ def _send_item(vehicle: Vehicle, items: Sequence[LinkItem], index: int, kind: in
     )
 
 
-def _require_heard(vehicle: Vehicle, heard: float, when: str) -> None:
-    """Refuse to wait longer than the patience."""
-    if monotonic() - heard > vehicle.patience_s:
+def _require_progress(vehicle: Vehicle, heard: float, went_on: float, when: str) -> None:
+    """Refuse to wait longer than the patience for a vehicle that is silent, or that talks and does not go on."""
+    now = monotonic()
+    if now - heard > vehicle.patience_s:
         raise LinkLostError(
             f"{vehicle.address.text} was silent for {vehicle.patience_s:g} s {when}; the vehicle holds what it held "
             "before, restore the link and run the command again."
+        )
+    # A vehicle that went silent a while ago may have lost its link.
+    if now - went_on > vehicle.patience_s and now - heard < 0.5 * vehicle.patience_s:
+        raise TransferStalledError(
+            f"{vehicle.name} talks, but did not go on for {vehicle.patience_s:g} s {when}; restart the autopilot and run the "
+            "command again, with more --patience over a poor link."
         )
 
 
@@ -320,7 +362,7 @@ def _command(vehicle: Vehicle, command: int, first: float, words: str) -> None:
     )
 
 
-_MOST_TRANSFERS = 6
+_MOST_TRANSFERS, _MOST_STALLED = 6, 3
 MOST_UPLOAD_S = 600.0
 """Time after which an upload over a poor link is given up [s]."""
 
@@ -393,12 +435,14 @@ def _until_equal(
     The first `n_home` items are not compared: the vehicle has a home position of its own.
     """
     index: int | None = None
+    n_stalled = 0
     for transfer in range(1, _MOST_TRANSFERS + 1):
         try:
             send_items(vehicle, items, kind, progress)
             found = fetch_items(vehicle, kind, progress)
-        except LinkLostError:
-            if transfer == _MOST_TRANSFERS:
+        except LinkLostError as error:
+            n_stalled += isinstance(error, TransferStalledError)
+            if transfer == _MOST_TRANSFERS or n_stalled == _MOST_STALLED:
                 raise
             vehicle.wait_for_heartbeat()
             continue
@@ -430,27 +474,29 @@ def downloaded_route(
     system: int | None = None,
     progress: Progress | None = None,
 ) -> Route:
-    """Read the waypoints of the mission that a vehicle holds.
+    """Read the places of the mission that a vehicle holds; the log names commands that are left out.
 
     `patience_s`: how long to wait for a silent vehicle [s].
     """
     with Vehicle.connected(address, patience_s, system) as vehicle:
-        items = fetch_items(vehicle, MISSION, progress)
-        mission = items[n_home_items(vehicle.autopilot) :]
-        places = np.array([item.degrees for item in mission if item.is_waypoint])
-        if len(places) < 2:
+        items, n_home = fetch_items(vehicle, MISSION, progress), n_home_items(vehicle.autopilot)
+        mission = Mission(tuple(item.as_mission_item for item in items[n_home:]), first=n_home)
+        lonlat, notes = driven_places(mission, f"the mission of {vehicle.name}")
+        if len(lonlat) < 2:
             raise InputError(
-                f"{vehicle.name} holds {len(items)} items with {len(places)} waypoints, and a route needs at least two; "
+                f"{vehicle.name} holds {len(items)} items with {len(lonlat)} waypoints, and a route needs at least two; "
                 "upload a mission to it first."
             )
-    return _route(places[:, ::-1], crs)
+    for note in notes:
+        _logger.warning("the mission of %s: %s.", vehicle.name, note)
+    return _route(lonlat, crs)
 
 
 def _route(lonlat: FloatArray, crs: Any) -> Route:
     """Return the route through places (N, 2) [deg]; repeated places are one waypoint."""
     if crs is None:
         target = chosen_crs(lonlat[:, 0], lonlat[:, 1])
-        logging.getLogger(__name__).warning("the mission is projected to %s.", target.name)
+        _logger.warning("the mission is projected to %s.", target.name)
     else:
         target = projected_crs(crs, "the wanted CRS")
     return Route((Leg("swath", transformed(lonlat, WGS84, target, "the mission")),), target, "downloaded")

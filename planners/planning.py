@@ -20,7 +20,7 @@ from planners.prediction import ErrorModel, terrain_kernel
 from planners.registry import PLANNERS, PlannerConfig, planner_of
 from planners.routes.fleet import departures
 from planners.routes.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots, predicted
-from planners.routes.traversability import Drivable, drivable
+from planners.routes.traversability import Drivable, drivable, on_free_ground
 from survey import ConfigError, Dem, InputError, Route, SurveyArea
 from survey.core import BoolArray, FloatArray, Progress, check_types
 from survey.core.map_scale import MapScale
@@ -141,7 +141,7 @@ def planned_on(
     task = LayoutTask(site.within(area), crew_in_grid_metres(crew, factor), model, progress)
     # Matrices of some hundred rows: spinning threads would only slow them down.
     with nullcontext() if model is None else threadpool_limits(1):
-        route = planner.layout(in_grid_metres(config, factor), task)
+        route = on_free_ground(planner.layout(in_grid_metres(config, factor), task), area)
         facts = _effort(route, crew, task.crew) | {"left_out_share": site.left_out_share(area)}
         if model is not None and planner.steering is None:
             facts["rmse_m"] = model.rmse_m(route)

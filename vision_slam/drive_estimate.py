@@ -5,15 +5,19 @@ landmarks of any drive: in a CRS, or in the frame of the first image where there
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from survey import Recording, SurfacePoints, Trajectory
 from survey.core import BoolArray, DataObject, FloatArray
 from survey.data.ice_motion import IceMotion
+from survey.data.path_error import POSE, PathError
+from survey.data.sensors.records import GpsFixes
 from survey.reconstruction.motion.epoch import in_fixed_frame
 from vision_slam.attitude import quaternions, rotations
-from vision_slam.config import LocalizationConfig
+from vision_slam.config import UNKNOWN_MEMORY_S, LocalizationConfig
 from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
 
@@ -76,23 +80,76 @@ class Localization(DataObject):
         Localization
             Without a causal path.
         """
-        ground = recording.gps.position - [0.0, 0.0, recording.antenna_height_m]
-        level = np.array([1.0, 1.0, config.gps_vertical_factor])
-        variance = (config.gps_bias_sigma_m**2 + config.gps_white_sigma_m**2) * level**2
-        covariance = np.tile(np.diag(variance), (len(ground), 1, 1))
+        gps, ground = recording.gps, recording.gps.position - [0.0, 0.0, recording.antenna_height_m]
+        sigma_m = fix_errors(gps, config)
         heading = np.arctan2(np.gradient(ground[:, 1]), np.gradient(ground[:, 0]))
         attitude = np.column_stack([np.zeros_like(heading), np.zeros_like(heading), heading])
-        trajectory = Trajectory(
-            recording.gps.time_s, ground, quaternions(attitude), covariance, recording.crs
-        )
+        covariance = sigma_m[:, :, None] ** 2 * np.eye(3)
+        shared: dict[str, Any] = {}
+        error = None if recording.start_is_surveyed else _receiver_error(gps.time_s, sigma_m, config)
+        if error is not None:
+            own = covariance * (config.gps_white_sigma_m / config.fix_sigma_m) ** 2
+            keyframe = error.keyframe_at(gps.time_s)
+            shared = {"own_covariance": own, "keyframe": keyframe, "heading_rad": heading, "body": ground}
         points = SurfacePoints(
             ground,
             covariance=covariance,
-            origins=recording.gps.position,
+            origins=gps.position,
             crs=recording.crs,
             vertical_datum=recording.vertical_datum,
+            **shared,
         )
-        return cls(trajectory, points, n_fixes=len(ground))
+        poses = quaternions(attitude)
+        path = Trajectory(gps.time_s, ground, poses, covariance, recording.crs, error=error)
+        return cls(path, points, n_fixes=len(ground))
+
+
+# Attitudes that fixes alone do not show: a rover on slopes [rad].
+_UNKNOWN_ATTITUDE_RAD = 0.2
+# Share of their memory over which errors of fixes change little.
+_KEYFRAME_SHARE = 0.02
+
+
+def fix_errors(gps: GpsFixes, config: LocalizationConfig) -> FloatArray:
+    """Return standard deviations (N, 3) of fixes to the east, to the north and upwards [m]: stated ones, else assumed ones."""
+    across = np.full(len(gps), config.fix_sigma_m) if gps.sigma_m is None else gps.sigma_m
+    upward = config.gps_vertical_factor * across if gps.sigma_z_m is None else gps.sigma_z_m
+    return np.column_stack([across, across, upward])
+
+
+def _receiver_error(time_s: FloatArray, sigma_m: FloatArray, config: LocalizationConfig) -> PathError:
+    """Return the error that fixes (N,) of a receiver of which little is known share, with their standard deviations (N, 3) [m]."""
+    is_set = "gps_correlation_time_s" in config.model_fields_set
+    memory_s = config.gps_correlation_time_s if is_set else UNKNOWN_MEMORY_S
+    return wandering_error(time_s, sigma_m * config.gps_bias_sigma_m / config.fix_sigma_m, memory_s)
+
+
+def wandering_error(time_s: FloatArray, sigma_m: FloatArray, memory_s: float) -> PathError:
+    """Return a Gauss-Markov error of fixes as the error of a path.
+
+    `time_s` (N,): times of the fixes [s]. `sigma_m` (N, 3): standard deviations to the east, to the north and upwards [m];
+    a keyframe takes the largest one up to its neighbours. `memory_s`: correlation time [s].
+
+    >>> error = wandering_error(np.array([0.0, 100.0]), np.full((2, 3), 2.0), 100.0)
+    >>> error.covariance(error.rows(np.array([0.0, 1.0]), np.tile(np.eye(6)[2], (2, 1)))).round(2).tolist()
+    [[4.0, 1.47], [1.47, 4.0]]
+    """
+    slot = np.floor((time_s - time_s[0]) / (_KEYFRAME_SHARE * memory_s))
+    first = np.unique(np.append(np.searchsorted(slot, np.unique(slot)), len(time_s) - 1))
+    between = np.maximum.reduceat(sigma_m, first, axis=0)
+    between[:-1] = np.maximum(between[:-1], sigma_m[first[1:]])
+    largest = np.maximum(between, np.vstack([between[:1], between[:-1]]))
+    gap_s = np.diff(time_s[first])
+    steps = sparse.diags_array([np.ones(len(first)), -np.exp(-gap_s / memory_s)], offsets=[0, -1])
+    weights = sparse.diags_array(np.append(1.0, -1.0 / np.expm1(-2.0 * gap_s / memory_s)))
+    unit = steps.T @ weights @ steps
+    tilt = sparse.diags_array([0.0, 0.0, 0.0, *[_UNKNOWN_ATTITUDE_RAD**-2.0] * 3])
+    information = sparse.kron(sparse.eye_array(len(first)), tilt)
+    for axis, sigma in enumerate(largest.T):
+        scale = sparse.diags_array(1.0 / sigma)
+        chosen = sparse.coo_array(([1.0], ([axis], [axis])), shape=(POSE, POSE))
+        information = information + sparse.kron(scale @ unit @ scale, chosen)
+    return PathError(time_s[first], information)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -18,9 +18,13 @@ from vision_slam.evaluation import Comparison, compare_aligned, compare_from_sta
 from vision_slam.pipeline import localize, localize_images
 from vision_slam.readers.datasets import is_kitti, read_poses
 from vision_slam.readers.gps_files import is_receiver_file, read_gps
-from vision_slam.readers.sequence import ImageSequence
+from vision_slam.readers.sequence import ZERO_HEIGHTS, ImageSequence
 
 logger = logging.getLogger(__name__)
+
+
+_NO_ANTENNA = "the height of the antenna above the ground is not stated; name it with --antenna"
+_NO_ERRORS = "the fixes state no errors: those of the settings are assumed, --set localization.gps_bias_sigma_m and others change them"
 
 
 class ReferencePoses(NamedTuple):
@@ -36,13 +40,38 @@ class RecordedDrive:
 
     `records`: a recording has fixes in a CRS; a sequence of images has none. `notes`: what its reader did or
     assumed, one sentence each. `reference_time_s`, `reference` (R,) and (R, 4, 4): reference poses of the
-    layout, in a frame of their own.
+    layout, in a frame of their own. `no_ground`: why the fixes of a drive without images are no points of the ground;
+    ``""`` where they are.
     """
 
     records: Recording | ImageSequence
     notes: tuple[str, ...] = ()
     reference_time_s: FloatArray | None = None
     reference: FloatArray | None = None
+    no_ground: str = ""
+
+    @classmethod
+    def of_fixes(
+        cls, recording: Recording, notes: Sequence[str], antenna_m: float | None, flown: str = ""
+    ) -> Self:
+        """Return the drive of a receiver alone, whose antenna has a height above the ground [m] or an unknown one.
+
+        `flown`: the vehicle, where it is one that flies.
+        """
+        reason = "" if antenna_m is not None else _NO_ANTENNA
+        if ZERO_HEIGHTS in notes:
+            reason = "all heights are 0; record or export the log with heights"
+        if flown:
+            reason = f"the log is of {flown}, whose fixes are not above the ground by a height that stays"
+        if recording.gps.sigma_m is None:
+            notes = [*notes, _NO_ERRORS]
+        if reason:
+            notes = [
+                *notes,
+                f"the path is that of the antenna, and there are no points of the ground: {reason}",
+            ]
+        drive = replace(recording, antenna_height_m=antenna_m or 0.0)
+        return cls(drive, tuple(notes), no_ground=reason)
 
     @property
     def start_is_surveyed(self) -> bool:
@@ -82,8 +111,11 @@ class RecordedDrive:
         if isinstance(self.records, Recording):
             if motion is not None and self.records.odometry is None and self.records.frames is None:
                 raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
+            found = localize(
+                self.records, config, visual_config=visual_config, motion=motion, progress=progress
+            )
             return DriveEstimate.in_crs(
-                localize(self.records, config, visual_config=visual_config, motion=motion, progress=progress)
+                replace(found, landmarks_hold=found.landmarks_hold and not self.no_ground)
             )
         if motion is not None:
             raise InputError(

@@ -9,6 +9,7 @@ and tables ``frames.csv``. `read_images` reads plain images: their times are fro
 their calibration is from ``camera.toml`` or EXIF. Videos and raw photographs are refused; the message names the conversion.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,22 +19,25 @@ from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
 from survey.core import FloatArray
+from survey.data.camera import off_centre_note
 from survey.data.frames import Frames, ImageFiles
 from survey.data.sensors.records import Inertial, Wheels
 from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.calibrations import FORWARD, calibrated_camera, read_calibration
 from vision_slam.readers.datasets import (
     KITTI_IMAGES,
+    RAW_CAMERAS,
     raw_camera_folder,
     read_euroc_sequence,
     read_kitti_raw,
     read_kitti_sequence,
     read_tum_sequence,
 )
-from vision_slam.readers.gps_files import read_gps
+from vision_slam.readers.gps_files import is_receiver_log, read_gps
 from vision_slam.readers.images import (
     assemble_sequence,
     image_files,
+    is_jpeg,
     read_numbers,
     refuse_cut_off_image,
     refuse_other_sizes,
@@ -70,33 +74,42 @@ def open_recording(
     scale_from_m: float | None = None,
     columns: Sequence[str] = (),
     frame_rate_hz: float | None = None,
+    antenna_m: float | None = None,
 ) -> RecordedDrive:
-    """Open a firnline recording, a ROS bag, or a folder of images, and check it.
+    """Open a firnline recording, a ROS bag, a folder of images, or the log of a receiver, and check it.
 
-    `gps_shift_s`: added to the times of the fixes [s]. `scale_from_m`: take the scale from the first metres
+    `antenna_m`: height of the antenna above the ground [m]. `gps_shift_s`: added to the times of the fixes [s]. `scale_from_m`: take the scale from the first metres
     of the layout's reference [m].
     """
     place = Path(source)
     if not place.exists():
         raise InputError(f"{place} does not exist; check the path.")
     if (place / "recording.json").is_file():
-        if camera or topics or gps or crs or frame_rate_hz or scale_from_m is not None:
+        own = (antenna_m, scale_from_m)
+        if camera or topics or gps or crs or frame_rate_hz or any(value is not None for value in own):
             raise ConfigError(
-                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs, --frame-rate and --scale-from out."
+                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs, --frame-rate, --scale-from and --antenna out."
             )
         return _firnline_recording(place)
+    if place.is_file() and not is_bag(place):
+        images = (camera, topics or None, gps, frame_rate_hz, scale_from_m, gps_shift_s or None)
+        return _log_of_fixes(
+            place, columns, crs, antenna_m, has_image_options=any(v is not None for v in images)
+        )
     if columns and gps is None:
         raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
     lens, lens_notes = (None, ()) if camera is None else read_calibration(camera)
     sequence = _read_images(place, topics, lens, frame_rate_hz)
-    sequence = replace(sequence, notes=(*lens_notes, *sequence.notes))
+    sequence = replace(sequence, notes=(*lens_notes, *_lens_notes(sequence.camera), *sequence.notes))
     if scale_from_m is not None:
         sequence = scale_by_reference(sequence, scale_from_m)
     log = sequence.gps if gps is None else read_gps(gps, columns)
     if log is not None:
-        return _with_fixes(sequence, log, crs, gps_shift_s)
-    if crs is not None or gps_shift_s != 0.0:
-        raise ConfigError(f"{place} holds no fixes; --crs and --gps-shift need some, name them with --gps.")
+        return _with_fixes(sequence, log, crs, gps_shift_s, antenna_m or 0.0)
+    if crs is not None or gps_shift_s != 0.0 or antenna_m is not None:
+        raise ConfigError(
+            f"{place} holds no fixes; --crs, --gps-shift and --antenna need some, name them with --gps."
+        )
     notes = sequence.notes
     if sequence.wheels is None:
         notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
@@ -121,12 +134,49 @@ def _read_images(
     return sequence
 
 
-def _with_fixes(sequence: ImageSequence, log: GpsLog, crs: CRS | str | None, shift_s: float) -> RecordedDrive:
+_TABLES_OF_FIXES = (".csv", ".tsv")
+
+
+def _log_of_fixes(
+    file: Path,
+    columns: Sequence[str],
+    crs: CRS | str | None,
+    antenna_m: float | None,
+    *,
+    has_image_options: bool,
+) -> RecordedDrive:
+    """Open the log of a receiver as the drive of its antenna."""
+    refuse_kind(file)
+    if not (is_receiver_log(file) or file.suffix.lower() in _TABLES_OF_FIXES or columns):
+        raise InputError(
+            f"{file} is no folder of images, no bag and no log of fixes; name one of these, or a table of fixes with --columns."
+        )
+    if has_image_options:
+        raise ConfigError(
+            f"{file} is a log of fixes without images; leave --camera, --topic, --gps, --gps-shift, --frame-rate and --scale-from out."
+        )
+    log = read_gps(file, columns)
+    if len(log.time_s) < 2:
+        raise InputError(f"{file} holds {len(log.time_s)} fix; a path needs at least two, record for longer.")
+    fixes, working = log.fixes(crs)
+    recording = Recording(
+        working, fixes.position[0], fixes, vertical_datum=log.vertical_datum, start_is_surveyed=False
+    )
+    return RecordedDrive.of_fixes(recording, _fix_notes(log, working), antenna_m)
+
+
+def _fix_notes(log: GpsLog, working: CRS) -> tuple[str, ...]:
+    """Return what was read of a log and left out."""
+    without = f"{log.n_without_fix} records of the receiver without a fix are left out"
+    return (*log.notes, f"works in {working.name}", *([without] if log.n_without_fix else []))
+
+
+def _with_fixes(
+    sequence: ImageSequence, log: GpsLog, crs: CRS | str | None, shift_s: float, antenna_m: float
+) -> RecordedDrive:
     """Place images in the CRS of their fixes."""
-    recording = georeference(sequence, log, crs, shift_s)
-    notes = (*sequence.notes, *log.notes, f"works in {recording.crs.name}")
-    if log.n_without_fix:
-        notes += (f"{log.n_without_fix} records of the receiver without a fix are left out",)
+    recording = replace(georeference(sequence, log, crs, shift_s), antenna_height_m=antenna_m)
+    notes = (*sequence.notes, *_fix_notes(log, recording.crs))
     if sequence.wheels is None:
         notes += ("no wheels: the scale is that of the fixes",)
     return RecordedDrive(recording, notes)
@@ -141,7 +191,12 @@ def _firnline_recording(place: Path) -> RecordedDrive:
             refuse_cut_off_image(file)
         refuse_other_sizes(frames.images.files, camera)
     _refuse_other_units(recording, place)
-    return RecordedDrive(recording)
+    return RecordedDrive(recording, _lens_notes(camera))
+
+
+def _lens_notes(camera: Camera | None) -> tuple[str, ...]:
+    note = None if camera is None else off_centre_note(camera)
+    return () if note is None else (note,)
 
 
 def _refuse_other_units(records: VisionRecords, place: Path) -> None:
@@ -286,7 +341,7 @@ def read_sequence(
         _refuse_rate(place)
     layout = _named_layout(place, camera) if frame_rate_hz is None else None
     if layout is not None:
-        return layout
+        return replace(layout, notes=(*layout.notes, *_unread_folders(place)))
     for inner in (place, place / "images"):
         files = image_files(inner)
         if files:
@@ -296,6 +351,24 @@ def read_sequence(
         f"{place} has no layout that is known (KITTI calib.txt or image_00/data, TUM rgb.txt, EuRoC cam0/data.csv, "
         "or images with times and camera.toml); add frames.csv with the columns time_s,file."
     )
+
+
+# Folders of the layouts: those that are read, and the name of any of a kind.
+_FOLDERS = (
+    ("image_*", (*KITTI_IMAGES, *RAW_CAMERAS)), ("cam?", ("cam0",)), ("imu?", ("imu0",)), ("leica?", ()),
+    ("vicon?", ()), ("velodyne*", ()), ("depth", ()),
+)  # fmt: skip
+
+
+def _unread_folders(place: Path) -> tuple[str, ...]:
+    """Return a note of the folders of a layout that hold other cameras and sensors."""
+    unread: list[str] = []
+    for inner in (place, place / "mav0"):
+        for pattern, read in _FOLDERS:
+            found = sorted(folder.name for folder in inner.glob(pattern) if folder.is_dir())
+            taken = next((name for name in read if name in found), None)
+            unread += [name for name in found if name != taken]
+    return (f"not read: {', '.join(unread)}",) if unread else ()
 
 
 def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
@@ -370,7 +443,22 @@ def _refuse_other_times(file: Path, time_s: FloatArray, frame_s: FloatArray) -> 
 _LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
 _RAW = (".heic", ".heif", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".avif", ".webp")
 _BAGS = (".bag", ".mcap", ".db3")
-_VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".insv", ".360")
+_VIDEOS = (
+    ".mp4",
+    ".mov",
+    ".avi",
+    ".mkv",
+    ".insv",
+    ".360",
+    ".m4v",
+    ".mts",
+    ".m2ts",
+    ".wmv",
+    ".webm",
+    ".mpg",
+    ".lrv",
+    ".3gp",
+)
 
 
 def read_images(
@@ -388,11 +476,13 @@ def read_images(
         times = _at_rate(inner, files, frame_rate_hz)
     camera, camera_note = _camera_of_folder(place, files, photos, camera)
     sequence = assemble_sequence(camera, times.time_s, [files[index] for index in times.order])
-    fixes = photo_fixes(photos, times) if photos else None
+    if not photos and all(map(is_jpeg, files)):
+        photos = checked_photos(files)
+    fixes, left_out = photo_fixes(photos, times) if photos else (None, ())
     return replace(
         sequence,
         gps=None if fixes is None else GpsLog(**fixes._asdict()).without_zero_places(str(inner)),
-        notes=tuple(note for note in (times.note, camera_note, *sequence.notes) if note),
+        notes=tuple(note for note in (times.note, camera_note, *sequence.notes, *left_out) if note),
     )
 
 
@@ -404,13 +494,18 @@ def refuse_other_kinds(place: Path) -> None:
         raise InputError(
             f"{bag} is a bag in a folder that is no recording; name the bag instead of its folder."
         )
-    raw = next((file for file in sorted(files) if file.suffix.lower() in _RAW), None)
-    if raw is not None:
-        raise InputError(f"{raw} is of a kind that is not read; convert the images to JPEG or PNG.")
-    video = next((file for file in sorted(files) if file.suffix.lower() in _VIDEOS), None)
-    if video is not None:
+    for file in sorted(files):
+        refuse_kind(file)
+
+
+def refuse_kind(file: Path) -> None:
+    """Refuse a photograph or video of a kind that is not read, with the conversion."""
+    if file.suffix.lower() in _RAW:
+        raise InputError(f"{file} is of a kind that is not read; convert the images to JPEG or PNG.")
+    if file.suffix.lower() in _VIDEOS:
         raise InputError(
-            f"{video} is a video; extract its images (ffmpeg -i {video.name} images/%06d.png) and name --frame-rate."
+            f"{file} is a video; extract its images (ffmpeg -i {shlex.quote(file.name)} images/%06d.png, into a folder images that "
+            "is there), name that folder and give the images per second with --frame-rate."
         )
 
 

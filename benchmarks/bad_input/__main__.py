@@ -1,7 +1,7 @@
 """Run every case of bad input in a process of its own: ``python -m benchmarks.bad_input``.
 
 A case passes when the command ends with exit code 2, 3, 4 or 5 and one sentence (usage errors may take
-several lines), or with 0 where the input can be used. A traceback, exit code 1, a signal, more than 30 s
+several lines), or with 0 where the input can be used, and the result is right where the case checks it. A traceback, exit code 1, a signal, more than 30 s
 or more than 4 GB is a fault; so is success where a refusal was due. The time that a process waits for a processor
 that others use does not count.
 """
@@ -25,11 +25,16 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.bad_input.case import Case
+from benchmarks.bad_input.damaged import damaged_cases
+from benchmarks.bad_input.drives import drive_cases
 from benchmarks.bad_input.good import GOOD, GOOD_COMMANDS
+from benchmarks.bad_input.missions import mission_cases
 from benchmarks.bad_input.odd_files import odd_cases
+from benchmarks.bad_input.outlines import outline_cases
 from benchmarks.bad_input.places import place_cases
 from benchmarks.bad_input.rasters import raster_cases
 from benchmarks.bad_input.settings import setting_cases
+from benchmarks.bad_input.surveys import survey_cases
 from benchmarks.bad_input.tables import table_cases
 from benchmarks.bad_input.vectors import vector_cases
 
@@ -81,12 +86,24 @@ def run(case: Case, place: Path) -> dict[str, Any]:
         _in_child(case, folder)
     usage = _awaited(child, start)
     err = (place / "err.log").read_text(errors="replace") if (place / "err.log").exists() else ""
+    out = (place / "out.log").read_text(errors="replace") if (place / "out.log").exists() else ""
     return {
         "code": usage[0],
         "wall_s": round(time.monotonic() - start - usage[2], 2),
         "peak_bytes": usage[1],
         "stderr": err.strip(),
+        "wrong": _wrong(case, folder, out + err) if usage[0] == 0 else "",
     }
+
+
+def _wrong(case: Case, folder: Path, printed: str) -> str:
+    """Return what is wrong with the result of a command that succeeded."""
+    if case.right is None:
+        return ""
+    try:
+        return case.right(folder, printed)
+    except Exception as error:  # a result that cannot be read is wrong, whatever the reason
+        return f"{type(error).__name__}: {error}"
 
 
 def _awaited(child: int, start: float) -> tuple[int, int, float]:
@@ -117,8 +134,14 @@ def verdict(case: Case, found: dict[str, Any]) -> str:
     fault = _fault(found)
     if fault:
         return f"fault: {fault}"
+    if (case.right or case.words) and "No such option" in found["stderr"]:
+        return "fault: no such option"
     if found["code"] == 0:
+        if found["wrong"]:
+            return f"fault: wrong ({found['wrong'][:200]})"
         return "used" if case.may_succeed else "fault: accepted"
+    if case.words and not any(word in found["stderr"] for word in case.words):
+        return f"fault: words (the refusal names none of {', '.join(case.words)})"
     return "refused"
 
 
@@ -158,7 +181,7 @@ def main() -> None:
     faults, slowest, largest = [], 0.0, 0
     for case, found in _found(cases, given.workers):
         kind = verdict(case, found)
-        counts[kind] += 1
+        counts[kind.split(" (")[0]] += 1
         slowest, largest = max(slowest, found["wall_s"]), max(largest, found["peak_bytes"])
         if kind.startswith("fault"):
             faults.append(
@@ -202,7 +225,10 @@ def _run_number(number: int) -> tuple[int, dict[str, Any]]:
 
 def all_cases() -> list[Case]:
     """Return all cases; their names are unique."""
-    kinds = (raster_cases, vector_cases, table_cases, setting_cases, place_cases, odd_cases)
+    kinds = (
+        *(raster_cases, vector_cases, table_cases, setting_cases, place_cases, odd_cases),
+        *(outline_cases, mission_cases, survey_cases, drive_cases, damaged_cases),
+    )
     cases = [case for cases_of in kinds for case in cases_of()]
     names = Counter(case.name for case in cases)
     assert max(names.values()) == 1, [name for name, n in names.items() if n > 1]

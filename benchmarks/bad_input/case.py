@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 Prepare = Callable[[Path], None]
+Right = Callable[[Path, str], str]
+"""From the folder and what the command printed to what is wrong with its result, ``""`` where nothing is."""
 
 
 class Case(NamedTuple):
@@ -20,12 +22,18 @@ class Case(NamedTuple):
         Command line without the program's name; it runs in that folder.
     may_succeed : bool
         Whether exit code 0 is right: the input is odd and can be used.
+    right : callable, optional
+        Checks a result of a command that succeeded; without it every success counts that may be.
+    words : tuple of str
+        A refusal holds one of them, such as the option that helps; any refusal will do where it is empty.
     """
 
     name: str
     prepare: Prepare
     args: list[str]
     may_succeed: bool = False
+    right: Right | None = None
+    words: tuple[str, ...] = ()
 
 
 def both(*steps: Prepare) -> Prepare:

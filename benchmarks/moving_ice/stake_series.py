@@ -33,7 +33,7 @@ def series(data: Path) -> list[tuple[str, FloatArray, FloatArray]]:
 
 
 def _bowdoin(file: Path) -> tuple[FloatArray, FloatArray]:
-    time_s, place, _ = read_positions(file)
+    time_s, place, *_ = read_positions(file)
     xy = transformed(place[:, :2], CRS("OGC:CRS84"), projected_crs("EPSG:32619", "the stakes"), str(file))
     return time_s / _DAY_S, xy
 

@@ -1,6 +1,5 @@
 """Computations that take longer than a moment: guarantee of a class, error against swaths, a survey that is watched."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from time import sleep
@@ -19,7 +18,7 @@ from live.watch.log import entered, watch_of
 from live.watch.survey_watch import SurveyWatch
 from planners.guarantee.guarantee import Guarantee, guarantee
 from survey import ConfigError, Dem, InputError
-from survey.core import length_text
+from survey.core import length_text, parse_json, refusing_damage
 from survey.core.crs import same_crs
 
 _FACTORS = (0.25, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
@@ -106,16 +105,12 @@ def watched(file: Path, crs: CRS, job: Job) -> dict[str, Any]:
         )
     text, watch = "", None
     for line in _log_lines(file, job):
-        try:
-            entry = json.loads(line)
+        with refusing_damage(file.name, "log of firnline watch", "name another one"):
+            entry = parse_json(line, file.name, "name another one")
             if watch is None:
                 watch = watch_of(entry)
                 same_crs(crs, watch.area.crs, "the desk and the survey")
             events = entered(watch, entry) if "in" in entry else []
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{file.name} is no log of firnline watch ({error}); name another one."
-            ) from error
         for event in events:
             text = _reported(event, watch, job)
         if watch.is_stopped:

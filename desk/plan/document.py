@@ -9,9 +9,9 @@ from pyproj import CRS
 from shapely import Polygon
 
 from survey.core import InputError, Section
-from survey.data.area import SurveyArea, unite
+from survey.data.area import SurveyArea
+from survey.data.outlines import MOST_CORNERS, check_polygon, unite
 
-MOST_VERTICES = 20_000
 MOST_POINTS = 2_000
 Place = tuple[float, float]
 Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
@@ -60,8 +60,8 @@ class PlanDocument(Section):
 
     @model_validator(mode="after")
     def _of_bearable_size(self) -> Self:
-        if self.n_vertices > MOST_VERTICES:
-            raise ValueError(f"{self.n_vertices} corners were drawn; {MOST_VERTICES} are accepted")
+        if self.n_vertices > MOST_CORNERS:
+            raise ValueError(f"{self.n_vertices} corners were drawn; {MOST_CORNERS} are accepted")
         return self
 
     @property
@@ -85,9 +85,10 @@ class PlanDocument(Section):
         if not self.areas:
             raise InputError("no area is drawn yet; draw its outline on the map, or drop a file with it.")
         polygons = [_polygon(rings) for rings in self.areas]
-        outline = polygons[0] if len(polygons) == 1 else unite(polygons)
+        for number, polygon in enumerate(polygons, start=1):
+            check_polygon(polygon, f"polygon {number} of the survey area")
         starts = np.array(self.starts, dtype=np.float64).reshape(-1, 2)
-        return SurveyArea(outline, crs, tuple(_polygon(rings) for rings in self.no_go), starts)
+        return SurveyArea(unite(polygons, crs), crs, tuple(_polygon(rings) for rings in self.no_go), starts)
 
 
 def _polygon(rings: tuple[Ring, ...]) -> Polygon:

@@ -1,6 +1,7 @@
 """Files that are dropped onto the page: outlines, rasters, points."""
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +13,21 @@ from desk.terrain.shading import ELEVATION
 from desk.terrain.tiles import picture
 from survey import Dem, InputError, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
+from survey.data.outlines import read_outlines_file
 from survey.io.vector import geometry_types
 
 _OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")
 _RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
 _POINTS = (".csv", ".las", ".laz", ".ply")
 _MOST_POINTS = 5000
+_MANY_OUTLINES = 12
 
 
-def dropped(name: str, content: bytes, crs: CRS) -> dict[str, Any]:
+def dropped(name: str, content: bytes, crs: CRS, select: Sequence[str] = ()) -> dict[str, Any]:
     """Return what a dropped file holds, in the CRS of the terrain.
 
-    Returns: ``kind`` and either a ``document`` of shapes, an ``image`` with ``bounds``, or ``places`` with
-    ``heights_m``.
+    `select`: which glaciers of an inventory (`SurveyArea.read`). Returns: ``kind`` and either a ``document`` of shapes, the
+    ``choices`` of an inventory, an ``image`` with ``bounds``, or ``places`` with ``heights_m``.
     """
     suffix = Path(name).suffix.lower()
     readers = {suffix: read for group, read in _READERS for suffix in group}
@@ -37,23 +40,28 @@ def dropped(name: str, content: bytes, crs: CRS) -> dict[str, Any]:
         file = Path(folder) / f"dropped{suffix}"
         file.write_bytes(content)
         try:
-            return readers[suffix](file, crs)
+            return readers[suffix](file, crs, select)
         except InputError as error:
             raise InputError(str(error).replace(str(file), Path(name).name[:80])) from error
 
 
-def _shapes(file: Path, crs: CRS) -> dict[str, Any]:
+def _shapes(file: Path, crs: CRS, select: Sequence[str]) -> dict[str, Any]:
     """Return the outline in a vector file, or its points where it has no other geometry, as landmarks have."""
     if geometry_types(file, what="the file") == {"Point"}:
-        return _points(file, crs)
-    document = PlanDocument.of_area(SurveyArea.read(file, crs=crs))
+        return _points(file, crs, ())
+    outlines = read_outlines_file(file, "the file")
+    if not select and (outlines.of_inventory or outlines.is_area.sum() > _MANY_OUTLINES):
+        known = zip(outlines.titles, outlines.keys, outlines.is_area, strict=True)
+        choices = [("all of them", "*"), *sorted((title, key) for title, key, is_area in known if is_area)]
+        return {"kind": "choices", "choices": [{"title": title, "select": key} for title, key in choices]}
+    document = PlanDocument.of_area(SurveyArea.read(file, crs=crs, select=select))
     return {
         "kind": "outline",
         "document": document.model_dump(mode="json", include={"areas", "no_go", "starts"}),
     }
 
 
-def _raster(file: Path, crs: CRS) -> dict[str, Any]:
+def _raster(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
     from firnline.actions.interface import own_crs
     from survey.core.crs import same_crs
 
@@ -65,7 +73,7 @@ def _raster(file: Path, crs: CRS) -> dict[str, Any]:
     return {"kind": "raster", **picture(raster, ELEVATION, low, high)}
 
 
-def _points(file: Path, crs: CRS) -> dict[str, Any]:
+def _points(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
     points = SurfacePoints.read(file, crs=crs)
     return {"kind": "points", **thinned_points(points.xyz)}
 

@@ -183,4 +183,5 @@ async def dropped_file(request: Request) -> Response:
     workspace: Workspace = request.app.state.workspace
     content = await request.body()
     name = request.query_params.get("name", "")
-    return JSONResponse(await to_thread.run_sync(dropped, name, content, workspace.crs))
+    select = request.query_params.getlist("select")
+    return JSONResponse(await to_thread.run_sync(dropped, name, content, workspace.crs, select))

@@ -1,6 +1,5 @@
 """Answers of the server: plain values as JSON, refusals as one sentence, files of the page and of reports."""
 
-import json
 import logging
 from functools import cache
 from pathlib import Path
@@ -10,12 +9,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from desk.plan.history import OutdatedError
-from survey.core import CapacityError, ConfigError, FirnlineError, printable
+from survey.core import CapacityError, ConfigError, FirnlineError, InputError, parse_json, printable
 
 _REPORT_POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'; sandbox"
 _REPORT_TYPES = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
 _STATUS = ((OutdatedError, 409), (CapacityError, 413), (FirnlineError, 422))
-_MOST_DEPTH_ERROR = "the request is no JSON object; it was not made by this page."
+_NO_OBJECT = "the request is no JSON object; it was not made by this page."
 
 
 def refused(request: Request, error: Exception) -> Response:
@@ -32,11 +31,11 @@ async def body_of(request: Request) -> dict[str, Any]:
     """Return the object that a request carries."""
     body = await request.body()
     try:
-        content = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(_MOST_DEPTH_ERROR) from error
+        content = parse_json(body, "the request")
+    except InputError as error:
+        raise ConfigError(_NO_OBJECT) from error
     if not isinstance(content, dict):
-        raise ConfigError(_MOST_DEPTH_ERROR)
+        raise ConfigError(_NO_OBJECT)
     return content
 
 

@@ -1,6 +1,6 @@
 """Compare two surveys: change of elevation, volume and mass, also along the flow of the ice."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -14,6 +14,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
+from firnline.actions.requests import Lengths, Select
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
@@ -42,6 +43,7 @@ class ChangeRequest:
     outline: Annotated[
         Path, Option("--outline", help="Polygons over which to compute change (glacier outlines).")
     ]
+    select: Select = field(default_factory=list)
     stable: Annotated[
         Path | None,
         Option("--stable", help="Ground that did not change; by default all outside the outlines."),
@@ -81,6 +83,7 @@ class ChangeRequest:
     crs: Annotated[
         str | None, Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS).")
     ] = None
+    units: Lengths = None
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
     ] = 2.0
@@ -195,10 +198,10 @@ def preview_change(request: ChangeRequest) -> Preview:
     surveys = {"later": request.later, "earlier": request.earlier}
     if all(source.suffix == ".npz" for source in surveys.values()):
         return Preview.of(writes)
-    *read, _ = surveys_of(request.later, request.earlier, request.crs)
+    *read, _ = surveys_of(request.later, request.earlier, request.crs, request.units)
     dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
-    outlines = read_outlines(request.outline, dems["later"].crs)
+    outlines = read_outlines(request.outline, dems["later"].crs, request.select)
     return Preview.of(writes, {**facts, "outlines": ", ".join(outlines)})
 
 
@@ -236,10 +239,10 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     from survey.scoring.change.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
-        return _models_compared(request.later, request.earlier, request.outline, request.step_m)
-    new, old, note = surveys_of(request.later, request.earlier, request.crs)
+        return _models_compared(request)
+    new, old, note = surveys_of(request.later, request.earlier, request.crs, request.units)
     crs = (new if isinstance(new, survey.Dem) else new.mean).crs
-    outlines = read_outlines(request.outline, crs)
+    outlines = read_outlines(request.outline, crs, request.select)
     ground = None
     if request.stable is not None:
         ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
@@ -259,15 +262,14 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     return replace(found, notes=(*found.notes, *note)), outlines
 
 
-def _models_compared(
-    later: Path, earlier: Path, outline: Path, step_m: float
-) -> tuple["Change", dict[str, Any]]:
+def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.change.difference import change_of_models
     from survey.scoring.change.volume_change import read_outlines
 
+    later, earlier = request.later, request.earlier
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
     if crs is None:
@@ -275,9 +277,9 @@ def _models_compared(
             f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
             "compare their maps instead."
         )
-    outlines = read_outlines(outline, crs)
+    outlines = read_outlines(request.outline, crs, request.select)
     bounds = shapely.union_all(list(outlines.values())).bounds
-    return change_of_models(new, old, outlines, survey.Grid.over(bounds, step_m, crs)), outlines
+    return change_of_models(new, old, outlines, survey.Grid.over(bounds, request.step_m, crs)), outlines
 
 
 def _change_lines(facts: dict[str, Any]) -> list[str]:
@@ -327,25 +329,26 @@ class Surveys(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def surveys_of(later: Path, earlier: Path, crs: str | None) -> Surveys:
+def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
     from survey.scoring.change.volume_change import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:
-        return Surveys(_survey(later, crs), _survey(earlier, crs))
+        return Surveys(_survey(later, crs, units), _survey(earlier, crs, units))
     note = f"the surveys were averaged over squares of about {step_m:.3g} m before the comparison."
-    return Surveys(average_survey(later, step_m, crs), average_survey(earlier, step_m, crs), (note,))
+    new, old = (average_survey(file, step_m, crs, units) for file in (later, earlier))
+    return Surveys(new, old, (note,))
 
 
 def _is_raster(source: Path) -> bool:
     return source.is_file() and source.suffix != ".npz"
 
 
-def _survey(source: Path, crs: str | None) -> "survey.Reconstruction | survey.Dem":
+def _survey(source: Path, crs: str | None, units: str | None) -> "survey.Reconstruction | survey.Dem":
     """Read a map that is no terrain model."""
     if source.suffix == ".npz":
         raise survey.InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
         )
-    return map_of(source, crs)
+    return map_of(source, crs, units=units)

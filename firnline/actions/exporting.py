@@ -1,7 +1,7 @@
 """Convert routes, maps, tracks, areas and points to the formats of other programs; exchange missions with a rover."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -15,6 +15,7 @@ from firnline.actions.interface import (
     Progress,
     Result,
     WrittenResult,
+    area_if_named,
     companions_of_output,
     fact_line,
     needs_live_extra,
@@ -24,7 +25,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Patience, System, Url
+from firnline.actions.requests import Lengths, Patience, Select, System, Url
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class RouteOptions:
             "KML. Of a run folder, its own.",
         ),
     ] = None
+    select: Select = field(default_factory=list)
     dem: Annotated[
         Path | None,
         Option(
@@ -70,6 +72,7 @@ class RouteOptions:
             help="CRS of files that carry none; of areas and of plans of other tools, the one to write in, by default their UTM zone.",
         ),
     ] = None
+    units: Lengths = None
 
     def refuse_stated(self, reason: str) -> None:
         """Refuse options that only routes have.
@@ -149,7 +152,7 @@ def _surroundings(route: "survey.Route", options: RouteOptions) -> "Surroundings
     places = np.vstack([leg.xy for leg in route.legs])
     bounds = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
     return Surroundings(
-        None if area is None else survey.SurveyArea.read(area, crs=route.crs),
+        area_if_named(area, options, route.crs),
         None if dem is None else read_about(dem, bounds, route.crs, "the elevation raster"),
         "ardupilot" if autopilot == "ardupilot" else "px4",
         options.speed_m_s,
@@ -252,9 +255,8 @@ def preview_export(request: ExportRequest) -> Preview:
     kind = _kind_of(request)
     if kind == "route":
         route, around, notes = route_with_surroundings(request.source, request)
-        refuse_existing(_other_parts(route, request), force=request.force)
-        around.check(route)
-        return Preview.of(_parts(route, request.rover, request.out), left_out=notes)
+        parts = _checked_parts(route, around, request)
+        return Preview.of(parts, left_out=notes)
     if kind != "mcap":
         with TemporaryDirectory() as folder:
             _convert(request, kind, Path(folder) / request.out.name)
@@ -289,8 +291,7 @@ def export(request: ExportRequest) -> ExportResult:
     if kind != "route":
         return ExportResult(request, lambda out: _convert(request, kind, out))
     route, around, notes = route_with_surroundings(source, request)
-    refuse_existing(_other_parts(route, request), force=request.force)
-    around.check(route)
+    _checked_parts(route, around, request)
     return ExportResult(request, lambda out: write_route(route, around, out, request.rover), notes)
 
 
@@ -311,7 +312,8 @@ def _kind_of(request: ExportRequest) -> str:
 def _convert(request: ExportRequest, kind: str, out: Path) -> str:
     from survey.interchange.conversion import convert
 
-    convert(request.source, out, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
+    given = {"crs": request.crs, "units": request.units, "select": request.select}
+    convert(request.source, out, kind, **given)  # type: ignore[arg-type]  # checked above
     return f"{out} written"
 
 
@@ -322,9 +324,17 @@ def _parts(route: "survey.Route", rover: int | None, out: Path) -> dict[Path, in
     return {out: rover}
 
 
-def _other_parts(route: "survey.Route", request: ExportRequest) -> list[Path]:
-    """Return the files of a route that are not named in the request."""
-    return [file for file in _parts(route, request.rover, request.out) if file != request.out]
+def _checked_parts(
+    route: "survey.Route", around: "Surroundings", request: ExportRequest
+) -> dict[Path, int | None]:
+    """Return the files of a route; refuse those that exist, and missions that leave their own fence."""
+    from survey.interchange.route_formats import require_writable
+
+    parts = _parts(route, request.rover, request.out)
+    refuse_existing([file for file in parts if file != request.out], force=request.force)
+    for file, rover in parts.items():
+        require_writable(route, file, rover=rover, around=around)
+    return parts
 
 
 def write_route(route: "survey.Route", around: "Surroundings", out: Path, rover: int | None = None) -> str:
@@ -471,14 +481,16 @@ def upload(request: UploadRequest, progress: Progress = no_progress) -> UploadRe
 def _mission(request: UploadRequest) -> "tuple[AutopilotMission, tuple[str, ...]]":
     """Read the mission of one rover, and what was left out of it."""
     from live.mission_items import AutopilotMission
-    from survey.core.files import existing_file
     from survey.interchange.route_formats import part_of_rover
 
     if request.source.suffix.lower() in _MISSIONS:
         request.refuse_stated("a mission of a ground station is sent as it is")
-        return AutopilotMission.read(existing_file(request.source, "the mission")), ()
+        mission = AutopilotMission.read(request.source)
+        return mission, mission.notes
     route, around, notes = route_with_surroundings(request.source, request)
-    return AutopilotMission.of_route(part_of_rover(route, request.rover), around), notes
+    around = replace(around, most_corners=request.most_items)
+    mission = AutopilotMission.of_route(part_of_rover(route, request.rover), around)
+    return mission, (*notes, *mission.notes)
 
 
 def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:

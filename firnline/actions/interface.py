@@ -345,7 +345,37 @@ def own_crs(path: Path) -> "CRS | None":
     return None if is_geographic(stated) else projected_crs(stated, str(path))
 
 
-def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False) -> "survey.Dem":
+def area_if_named(file: Path | None, options: Any, crs: Any) -> "survey.SurveyArea | None":
+    """Return `chosen_area`, or None without a file; refuse options that choose ground of none."""
+    if file is not None:
+        return chosen_area(file, options, crs)
+    if options.select or _has_limits(options):
+        raise InputError("--select, --above and --below choose ground of an area; add --area with its file.")
+    return None
+
+
+def chosen_area(file: Path, options: Any, crs: Any) -> "survey.SurveyArea":
+    """Read the outlines that the options select, and cut them to the heights of the prior that they state."""
+    if _has_limits(options) and options.prior is None:
+        raise InputError(
+            "--above and --below count from the heights of a prior; add --prior with its raster."
+        )
+    area = survey.SurveyArea.read(file, crs=crs, select=options.select)
+    if not _has_limits(options):
+        return area
+    from planners.routes.traversability import between_heights
+
+    heights = read_about(options.prior, area.bounds, area.crs, "the prior", units=options.units)
+    return between_heights(area, heights, above_m=options.above, below_m=options.below)
+
+
+def _has_limits(options: Any) -> bool:
+    return any(getattr(options, name, None) is not None for name in ("above", "below"))
+
+
+def read_about(
+    path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: bool = False, units: str | None = None
+) -> "survey.Dem":
     """Read the cells of a raster on bounds [m] and about them, as far as slopes and cameras reach."""
     from planners.capacity import require_cells
     from survey.core.crs import same_crs
@@ -360,4 +390,4 @@ def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: boo
         require_cells(int((east - west) * (north - south) / step_m**2))
     margin_m = max(_MARGIN_CELLS * step_m, _LEAST_MARGIN_M)
     about = (west - margin_m, south - margin_m, east + margin_m, north + margin_m)
-    return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask)
+    return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask, units=units)

@@ -19,7 +19,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
-from firnline.actions.requests import columns_option, epoch_option
+from firnline.actions.requests import antenna_option, columns_option, epoch_option
 from survey.core import ConfigError, InputError
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ class LocalizeRequest:
     source: Annotated[
         Path,
         Argument(
-            help="Recording, ROS bag, folder in KITTI, TUM, EuRoC layout or of images with times, or log of an autopilot "
-            "(ArduPilot .bin .tlog, PX4 .ulg)."
+            help="Recording, ROS bag, folder in KITTI, TUM, EuRoC layout or of images with times, log of an autopilot "
+            "(ArduPilot .bin .tlog, PX4 .ulg) or of a receiver (.ubx, NMEA, .gpx, .pos, GrafNav, .csv)."
         ),
     ]
     camera: Annotated[
@@ -77,6 +77,7 @@ class LocalizeRequest:
     gps_shift_s: Annotated[
         float, Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s].")
     ] = 0.0
+    antenna_m: Annotated[float | None, antenna_option()] = None
     scale_from_m: Annotated[
         float | None,
         Option("--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."),
@@ -169,7 +170,7 @@ class LocalizeRequest:
 
         if self.source.suffix.lower() in LOG_ENDINGS and not self.source.is_dir():
             self._refuse_image_options()
-            return opened_log(self.source, self.crs)
+            return opened_log(self.source, self.crs, self.antenna_m)
 
         return open_recording(
             self.source,
@@ -181,6 +182,7 @@ class LocalizeRequest:
             scale_from_m=self.scale_from_m,
             columns=self.columns,
             frame_rate_hz=self.frame_rate_hz,
+            antenna_m=self.antenna_m,
         )
 
     def _refuse_image_options(self) -> None:
@@ -255,7 +257,16 @@ class LocalizationResult(WrittenResult):
     def lines(self) -> list[str]:
         """Return the figures, notes, pictures, and the next step."""
         out = self.request.out
-        if (out / "landmarks.gpkg").exists():
+        if (
+            (out / "landmarks.gpkg").exists()
+            and self.estimate.visual_odometry is None
+            and self.drive.gps is not None
+        ):
+            names = f"{out / 'landmarks.gpkg'} --trajectory {out / 'trajectory.csv'}"
+            step = f"firnline reconstruct {names} --method joint"
+        elif self.drive.no_ground:
+            step = "use trajectory.csv or track.gpkg as the path; the notes say how points of the ground are made"
+        elif (out / "landmarks.gpkg").exists():
             step = f"firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif"
         elif (out / "track.gpkg").exists():
             step = "correct calibration or times as the notes name them, and localize again"
@@ -371,11 +382,17 @@ def _motion_figures(motion: "IceMotion") -> dict[str, float]:
 LOG_ENDINGS = (".bin", ".tlog", ".ulg")
 
 
-def opened_log(source: Path, crs: str | None) -> "RecordedDrive":
-    """Open the log of an autopilot as a recording."""
+def opened_log(source: Path, crs: str | None, antenna_m: float | None = None) -> "RecordedDrive":
+    """Open the log of an autopilot as a recording; refuse the height of an antenna on a vehicle that flies."""
     from vision_slam.recorded_drive import RecordedDrive
 
     with needs_live_extra():
         from live.autopilot_logs import read_autopilot_log
 
-        return RecordedDrive(*read_autopilot_log(source, crs))
+        log = read_autopilot_log(source, crs)
+    if log.flown and antenna_m is not None:
+        raise InputError(
+            f"{source} is the log of {log.flown}, and --antenna is a height above the ground that stays; leave it out for the "
+            "path alone."
+        )
+    return RecordedDrive.of_fixes(log.recording, log.notes, antenna_m, log.flown)

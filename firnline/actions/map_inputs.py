@@ -1,13 +1,16 @@
 """Inputs of a map from points, read and checked: points, registered scans, paths, ties, area and prior."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from pyproj import CRS
 
 import survey
 from firnline.actions.interface import own_crs, read_about
+from firnline.actions.localizing import LocalizeRequest
 from firnline.actions.mapping_request import MapRequest
 from survey.core import InputError
 from survey.data.sensors.odometry import DriveTies
@@ -17,6 +20,7 @@ from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
 from survey.reconstruction.observations import SoundPoints, sound_points
 from survey.reconstruction.terrain_map import ELEVATION
+from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.pose_constraints import tie_drives
 
 
@@ -25,6 +29,12 @@ def blunder_text(found: Mapping[str, Any]) -> str:
     scan = f"scan {found['scan']}" if "scan" in found else None
     place = found.get("file", scan)
     return f"{place}: {found['sentence']}" if place else str(found["sentence"])
+
+
+_APART = (
+    "the points share the error of their path, and this map takes it as a new one at each point, so that σ is too small; "
+    "name --trajectory trajectory.csv and --method joint"
+)
 
 
 class PointInputs(NamedTuple):
@@ -36,6 +46,7 @@ class PointInputs(NamedTuple):
     paths: list[survey.Trajectory]
     prior: survey.Dem | None
     blunders: tuple[dict[str, Any], ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def facts(self) -> dict[str, str]:
@@ -52,12 +63,22 @@ class PointInputs(NamedTuple):
 def read_points(request: MapRequest) -> PointInputs:
     """Read the points, and with them area, paths and prior, onto the nodes of the map."""
     options = request.options
+    notes: tuple[str, ...] = ()
     if request.is_registered:
         paths = [_path(file, options.crs) for file in options.trajectories]
         scans = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
         sound = [
             sound_points(seen, has_area=options.area is not None, file=str(file))
             for seen, file in zip(scans, options.sources, strict=True)
+        ]
+        parts = [each.points for each in sound]
+    elif request.is_of_fixes:
+        found = [_ground_below(request, file) for file in options.sources]
+        paths = [each.path for each in found]
+        notes = tuple(note for each in found for note in each.notes)
+        sound = [
+            sound_points(each.points, has_area=options.area is not None, file=str(file))
+            for each, file in zip(found, options.sources, strict=True)
         ]
         parts = [each.points for each in sound]
     else:
@@ -69,27 +90,65 @@ def read_points(request: MapRequest) -> PointInputs:
     if options.ties is not None:
         drives = tie_drives(drives, paths, DriveTies.read(options.ties))
     points = drives.points
+    if points.keyframe is not None and drives.path is None:
+        notes += (_APART,)
     area = request.read_area(points.crs)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
-    prior = None if options.prior is None else _prior(options.prior, grid)
+    prior = None if options.prior is None else _prior(options.prior, grid, options.units)
     blunders = tuple(found for each in sound for found in each.blunders)
-    return PointInputs(drives, grid, area, paths, prior, blunders)
+    return PointInputs(drives, grid, area, paths, prior, blunders, notes)
 
 
 def _sound_points(request: MapRequest, file: Path) -> SoundPoints:
     """Read points without gross blunders of their heights; refuse feet, and far places where no area is named."""
     options = request.options
     points = survey.SurfacePoints.read(
-        file, crs=options.crs, sigma_m=options.sigma_m, columns=parse_columns(options.columns)
+        file,
+        crs=options.crs,
+        sigma_m=options.sigma_m,
+        columns=parse_columns(options.columns, layout=options.layout),
+        units=options.units,
     )
     return sound_points(points, options.value or ELEVATION, has_area=options.area is not None, file=str(file))
 
 
-def _prior(file: Path, grid: survey.Grid) -> survey.Dem:
+class _Ground(NamedTuple):
+    """Ground below the antenna of a receiver, the path with the error that its fixes share, and what their reader notes."""
+
+    points: survey.SurfacePoints
+    path: survey.Trajectory
+    notes: tuple[str, ...]
+
+
+def _ground_below(request: MapRequest, file: Path) -> _Ground:
+    """Return the ground below the antenna of the receiver whose log a file is."""
+    options = request.options
+    drive = LocalizeRequest(
+        source=file, crs=options.crs, columns=options.columns, antenna_m=options.antenna_m
+    ).open()
+    if drive.no_ground:
+        raise InputError(f"{file} gives no points of the ground: {drive.no_ground}.")
+    records = drive.records
+    assert isinstance(records, survey.Recording)
+    gps = records.gps
+    if gps.sigma_m is None and options.sigma_m is None:
+        raise InputError(
+            f"{file} states no errors of its fixes; give the standard deviation of their heights [m] with --sigma."
+        )
+    if gps.sigma_m is None and options.sigma_m is not None:
+        upward = np.full(len(gps), options.sigma_m)
+        gps = replace(gps, sigma_m=upward / LocalizationConfig().gps_vertical_factor, sigma_z_m=upward)
+    found = replace(drive, records=replace(records, gps=gps)).localize()
+    assert found.points is not None
+    assert found.trajectory is not None
+    return _Ground(found.points, found.trajectory, tuple(f"{file}: {note}" for note in drive.notes))
+
+
+def _prior(file: Path, grid: survey.Grid, units: str | None) -> survey.Dem:
     """Read the prior; of one in degrees, the part about the map, warped to the CRS of the points."""
     if own_crs(file) is None:
-        return read_about(file, grid.bounds, grid.crs, "the prior")
-    return survey.Dem.read(file)
+        return read_about(file, grid.bounds, grid.crs, "the prior", units=units)
+    return survey.Dem.read(file, units=units)
 
 
 def _registered(request: MapRequest, source: Path, path: survey.Trajectory) -> survey.SurfacePoints:

@@ -211,7 +211,9 @@ def _findings(result: survey.Reconstruction) -> list[str]:
     )
     if share is not None:
         lines.append(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
+    lines += [fact_line("note", note) for note in found.get("notes", ())]
     lines += [fact_line("left out", blunder_text(each)) for each in found.get("blunders", ())]
+    lines += [fact_line("warning", each["sentence"]) for each in found.get("contradictions", ())]
     if n_low:
         lines.append(fact_line("left out", f"{n_low} isolated low returns"))
     if offset_m is not None:
@@ -222,7 +224,7 @@ def _findings(result: survey.Reconstruction) -> list[str]:
 
 def _map_points(request: MapRequest, progress: Progress) -> MapResult:
     """Map the points of a file, or of several drives, over the area, or over their bounding box."""
-    drives, grid, area, paths, prior, blunders = read_points(request)
+    drives, grid, area, paths, prior, blunders, notes = read_points(request)
     mapped = map_landmarks(
         drives.points,
         grid,
@@ -235,6 +237,8 @@ def _map_points(request: MapRequest, progress: Progress) -> MapResult:
         blunders=blunders,
     )
     result, motion = mapped.reconstruction, None
+    if notes:
+        result = replace(result, diagnostics={**result.diagnostics, "notes": list(notes)})
     if request.motion_file is not None and mapped.solution is not None:
         motion = read_motion(request.motion_file)
         result, motion = on_ice(result, motion, mapped.solution, request.options.epoch_s)

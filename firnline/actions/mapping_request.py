@@ -7,6 +7,7 @@ from pathlib import Path
 from pyproj import CRS
 
 import survey
+from firnline.actions.interface import area_if_named
 from firnline.actions.requests import ReconstructRequest
 from survey.core import InputError, Section, projected_crs, validated, with_overrides
 from survey.data.ice_motion import ICE_MOTION
@@ -16,6 +17,7 @@ from survey.io.point_files import TABLES
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
+from vision_slam.readers.gps_files import is_receiver_log
 
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
 
@@ -42,6 +44,11 @@ class MapRequest:
     def is_registered(self) -> bool:
         """Whether the sources are scans that become points by paths of known error."""
         return _are_registered(self.options)
+
+    @property
+    def is_of_fixes(self) -> bool:
+        """Whether the sources are logs of receivers, whose fixes lie on their own path."""
+        return are_fixes(self.options.sources)
 
     @property
     def motion_file(self) -> Path | None:
@@ -71,17 +78,17 @@ class MapRequest:
         """Read the scans one after the other, with the poses of the scanner where a file states them."""
         options = self.options
         track = next((SensorPath.read(file) for file in options.trajectories), None)
-        return read_scans(self.scan_files, crs=options.crs, sigma_m=options.sigma_m, track=track)
+        return read_scans(
+            self.scan_files, crs=options.crs, sigma_m=options.sigma_m, track=track, units=options.units
+        )
 
     def area_of_scans(self) -> survey.SurveyArea | None:
         """Return the area to map; scans state their CRS one by one, so that --crs or the area's own counts."""
         options = self.options
-        if options.area is None:
-            return None
-        if options.crs is not None:
+        if options.crs is not None and options.area is not None:
             return self.read_area(projected_crs(options.crs, "the scans"))
-        area = survey.SurveyArea.read(options.area)
-        if not area.crs.is_projected:
+        area = area_if_named(options.area, options, None)
+        if area is not None and not area.crs.is_projected:
             raise InputError(f"{options.area} is in degrees; add --crs with the CRS of the scans.")
         return area
 
@@ -91,10 +98,9 @@ class MapRequest:
 
     def read_area(self, crs: CRS) -> survey.SurveyArea | None:
         """Return the area to map, in the points' CRS."""
-        if self.options.area is None:
-            return None
-        area = survey.SurveyArea.read(self.options.area, crs=crs)
-        area.require_crs(crs, "the points")
+        area = area_if_named(self.options.area, self.options, crs)
+        if area is not None:
+            area.require_crs(crs, "the points")
         return area
 
     def grid_over(self, bounds: tuple[float, float, float, float], crs: CRS) -> survey.Grid:
@@ -119,7 +125,7 @@ def map_request(options: ReconstructRequest) -> MapRequest:
         raise InputError(
             "--product names the class of a prior; add --prior with its file, or leave --product out."
         )
-    parse_columns(options.columns)
+    parse_columns(options.columns, layout=options.layout)
     _refuse_unused(request)
     if options.epoch_s is not None and request.motion_file is None:
         raise InputError(
@@ -151,9 +157,21 @@ def _config(options: ReconstructRequest) -> ReconstructionConfig:
 
 def _are_scans(options: ReconstructRequest, method: ReconstructionMethod) -> bool:
     sources = options.sources
-    if method.begin is None or _are_registered(options):
+    if method.begin is None or _are_registered(options) or are_fixes(sources):
         return False
     return len(sources) > 1 or sources[0].suffix.lower() not in TABLES
+
+
+_AUTOPILOTS = (".tlog", ".ulg")
+
+
+def are_fixes(sources: list[Path]) -> bool:
+    """Return whether all sources are logs of receivers or autopilots; refuse such logs beside points."""
+    is_log = [file.suffix.lower() in _AUTOPILOTS or is_receiver_log(file) for file in sources]
+    if any(is_log) and not all(is_log):
+        log, points = sources[is_log.index(True)], sources[is_log.index(False)]
+        raise InputError(f"{log} is the log of a receiver and {points} is none; map them apart.")
+    return all(is_log)
 
 
 def _are_registered(options: ReconstructRequest) -> bool:
@@ -165,7 +183,8 @@ def _are_registered(options: ReconstructRequest) -> bool:
 def _refuse_unused(request: MapRequest) -> None:
     """Refuse options that the method does not use, and name the methods that do."""
     method = request.method
-    is_single = method.begin is None and not (method.needs_path or request.is_registered)
+    has_paths = method.needs_path or request.is_registered or request.is_of_fixes
+    is_single = method.begin is None and not has_paths
     if len(request.options.sources) > 1 and is_single:
         raise InputError(
             f"{len(request.options.sources)} files were named, and the method {method.name!r} maps one; name one, or take "
@@ -176,8 +195,11 @@ def _refuse_unused(request: MapRequest) -> None:
             f"the method {method.name} uses no prior; leave --prior out, or take "
             f"{names_where(m for m in METHODS.values() if m.uses_prior)}."
         )
-    if request.options.columns and (request.is_of_scans or request.is_registered):
-        raise InputError("--columns chooses columns of tables of points, and scans have none; leave it out.")
+    named = request.options.columns or request.options.layout
+    if named and (request.is_of_scans or request.is_registered):
+        raise InputError(
+            "--columns and --format choose columns of tables of points, and scans have none; leave them out."
+        )
     _refuse_paths(request)
     if request.options.ties is not None and len(request.options.trajectories) < 2:
         raise InputError(
@@ -193,6 +215,16 @@ def _refuse_unused(request: MapRequest) -> None:
 def _refuse_paths(request: MapRequest) -> None:
     """Refuse paths that the method does not use, and another number of them than it needs."""
     method, n = request.method, len(request.options.trajectories)
+    if request.is_of_fixes:
+        if n:
+            raise InputError(
+                f"{request.options.sources[0]} is a log of fixes, which are a path themselves; leave --trajectory out."
+            )
+        return
+    if request.options.antenna_m is not None:
+        raise InputError(
+            f"--antenna is of logs of receivers, and {request.options.sources[0]} is none; leave it out."
+        )
     if n and not (method.needs_path or request.is_of_scans or request.is_registered):
         _refuse_sources_without_scans(request.options.sources)
         raise InputError(

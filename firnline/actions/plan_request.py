@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import planners
 import survey
-from firnline.actions.interface import Argument, Option, WrittenResult, own_crs, read_about, refuse_existing
-from firnline.actions.requests import RunOptions
+from firnline.actions.interface import (
+    Argument,
+    Option,
+    WrittenResult,
+    chosen_area,
+    own_crs,
+    read_about,
+    refuse_existing,
+)
+from firnline.actions.requests import Above, Below, Lengths, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
@@ -35,6 +43,9 @@ class PlanRequest(RunOptions):
         Path, Argument(help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).")
     ]
     prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster of the area.")] = None
+    select: Select = field(default_factory=list)
+    above: Above = None
+    below: Below = None
     pattern: Annotated[
         str | None,
         Option(
@@ -59,6 +70,7 @@ class PlanRequest(RunOptions):
         str | None,
         Option("--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."),
     ] = None
+    units: Lengths = None
     rovers: Annotated[int | None, Option("--rovers", help="Number of rovers that share the area.")] = None
     max_slope: Annotated[
         float | None,
@@ -235,10 +247,14 @@ class PlanRequest(RunOptions):
         crs: Any = self.crs
         if crs is None and self.prior is not None:
             crs = own_crs(self.prior)
-        area = survey.SurveyArea.read(self.source, crs=crs)
+        area = chosen_area(self.source, self, crs)
         if self.out.suffix.lower() == ".pdf":
             require_transformation(area.crs, self.out)
-        prior = None if self.prior is None else read_about(self.prior, area.bounds, area.crs, "the prior")
+        prior = (
+            None
+            if self.prior is None
+            else read_about(self.prior, area.bounds, area.crs, "the prior", units=self.units)
+        )
         if self.no_go is not None:
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)

@@ -186,7 +186,19 @@ def _assumption(kernel: "Kernel") -> str:
 _OF_A_MISSION = (
     "swaths", "spacing", "budget", "rmse", "prior", "crs", "no_go", "rovers", "max_slope", "pattern",
 )  # fmt: skip
-_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "season", "dates")
+_OF_AN_AREA = (
+    "joint",
+    "adaptive",
+    "driven",
+    "measured",
+    "assume",
+    "force",
+    "season",
+    "dates",
+    "select",
+    "above",
+    "below",
+)
 _DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
 
 

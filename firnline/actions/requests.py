@@ -16,6 +16,25 @@ Runs = Annotated[Path, Option("--runs", help="Folder that holds all runs.")]
 Settings = Annotated[
     list[str], Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6.")
 ]
+Select = Annotated[
+    list[str],
+    Option(
+        "--select",
+        metavar="NAME|COLUMN=VALUE",
+        help="Which outlines of the file, such as RGIId=RGI60-11.00897; * stands for any letters; may be repeated.",
+    ),
+]
+Above = Annotated[
+    float | None,
+    Option("--above", help="Only ground of the area above this height of the prior [m]; needs --prior."),
+]
+Below = Annotated[
+    float | None,
+    Option(
+        "--below",
+        help="Only ground of the area below this height of the prior [m], such as the tongue of a glacier; needs --prior.",
+    ),
+]
 Workers = Annotated[
     int | None,
     Option(
@@ -29,6 +48,25 @@ Workers = Annotated[
 def columns_option(help_: str) -> Any:
     """Return the option that chooses the columns of a table of text."""
     return Option("--columns", metavar="KEY=COLUMN,…", help=help_)
+
+
+Lengths = Annotated[
+    str | None,
+    Option(
+        "--units",
+        metavar="m|ft|us-ft",
+        help="Unit of heights in files that state none; feet are converted to metres, and results are printed in both.",
+    ),
+]
+Layout = Annotated[
+    str | None,
+    Option(
+        "--format",
+        metavar="pnezd|penz|xyz",
+        help="Order of the columns of a table, one letter each: p point, n northing, e easting, z height, d description, s "
+        "standard deviation; --columns takes positions too (z=4).",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +101,11 @@ def epoch_option(help_: str) -> Any:
     return Option("--epoch", help=help_)
 
 
+def antenna_option() -> Any:
+    """Return the option for the height of a receiver's antenna above the ground."""
+    return Option("--antenna", min=0.0, help="Height of the receiver's antenna above the ground [m].")
+
+
 Url = Annotated[
     str,
     Argument(
@@ -87,7 +130,7 @@ class ReconstructRequest(RunOptions):
     sources: Annotated[
         list[Path],
         Argument(
-            help="Points (text tables, vector files, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
+            help="Points (text tables, vector files, LAS/LAZ, PLY), logs of receivers (.ubx, NMEA, .gpx, .pos, GrafNav, .ulg, .tlog), a mission file (TOML), LiDAR scans and folders of them "
             "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
             "KITTI, ROS 2) with --trajectory for all methods."
         ),
@@ -108,6 +151,9 @@ class ReconstructRequest(RunOptions):
     area: Annotated[
         Path | None, Option("--area", help="Polygon file to map; without it the bounding box of the points.")
     ] = None
+    select: Select = field(default_factory=list)
+    above: Above = None
+    below: Below = None
     method: Annotated[
         str | None,
         Option("--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"),
@@ -119,10 +165,13 @@ class ReconstructRequest(RunOptions):
     sigma_m: Annotated[
         float | None, Option("--sigma", help="Standard deviation of points that state none [m].")
     ] = None
+    antenna_m: Annotated[float | None, antenna_option()] = None
     columns: Annotated[
         list[str],
         columns_option("Columns of a table of points: x, y, z, lon, lat, sigma_z; usual names are found."),
     ] = field(default_factory=list)
+    layout: Layout = None
+    units: Lengths = None
     trajectories: Annotated[
         list[Path],
         Option(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import survey
 from firnline.actions.interface import Argument, Option, refuse_existing
-from firnline.actions.requests import RunOptions, columns_option, epoch_option
+from firnline.actions.requests import Layout, Lengths, RunOptions, Select, columns_option, epoch_option
 from survey.core import InputError
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ class ScoreRequest(RunOptions):
             "Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name, map_x, map_y, sigma_xy; usual names are found."
         ),
     ] = field(default_factory=list)
+    layout: Layout = None
+    units: Lengths = None
     datum: Annotated[str | None, Option("--datum", help="Vertical datum of checkpoints that state none.")] = (
         None
     )
@@ -68,6 +70,7 @@ class ScoreRequest(RunOptions):
         Path | None, Option("--control", help="Points that the map was made from; no checkpoint may be one.")
     ] = None
     area: Annotated[Path | None, Option("--area", help="Judge only inside this polygon.")] = None
+    select: Select = field(default_factory=list)
     route: Annotated[Path | None, Option("--route", help="Route that was driven, for coverage, α and β.")] = (
         None
     )
@@ -129,7 +132,7 @@ class ScoreRequest(RunOptions):
                 f"--epoch moves a map with the ice, and {self.source} holds no {ICE_MOTION}; name the folder of a map on moving ice, "
                 "or leave --epoch out."
             )
-        parse_columns(self.columns)
+        parse_columns(self.columns, layout=self.layout)
         for name in self.standards:
             standard_named(name)
         if self.report is not None:
@@ -145,6 +148,7 @@ class ScoreRequest(RunOptions):
                 "--interval": self.interval_m is not None,
                 "--sigma": self.sigma_m is not None,
                 "--columns": bool(self.columns),
+                "--format": self.layout is not None,
                 "--datum": self.datum is not None,
                 "--control": self.control is not None,
             }
@@ -191,7 +195,7 @@ class ScoreRequest(RunOptions):
 
 
 def map_of(
-    source: Path, crs: str | None = None, epoch_s: float | None = None
+    source: Path, crs: str | None = None, epoch_s: float | None = None, units: str | None = None
 ) -> "survey.Reconstruction | survey.Dem":
     """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation.
 
@@ -209,10 +213,10 @@ def map_of(
         if epoch_s is None:
             return own
         return at_epoch(own, read_motion(source / ICE_MOTION), epoch_s)[0]
-    mean = survey.Dem.read(source, crs=crs)
+    mean = survey.Dem.read(source, crs=crs, units=units)
     if band_count(source) < 2:
         return mean
-    std = survey.Dem.read(source, band=2, crs=crs)
+    std = survey.Dem.read(source, band=2, crs=crs, units=units)
     return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import survey
-from firnline.actions.interface import Preview, Result, fact_line, figure_lines, previewed_by
+from firnline.actions.interface import Preview, Result, area_if_named, fact_line, figure_lines, previewed_by
 from firnline.actions.score_request import (
     Classes,
     ScoreRequest,
@@ -33,12 +33,14 @@ _WIDER = 1.5
 def preview_score(request: ScoreRequest) -> Preview:
     """Read the map and what it is judged by, and return what was read."""
     request.check()
-    map_ = map_of(request.source, request.crs, request.epoch_s)
+    map_ = map_of(request.source, request.crs, request.epoch_s, request.units)
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
     facts = {"map": "{} × {} cells".format(*dem.shape)}
     if request.checkpoints is None:
         assert request.truth is not None
-        facts["reference"] = "{} × {} cells".format(*survey.Dem.read(request.truth, crs=request.crs).shape)
+        facts["reference"] = "{} × {} cells".format(
+            *survey.Dem.read(request.truth, crs=request.crs, units=request.units).shape
+        )
     else:
         facts["checkpoints"] = str(len(read_checkpoints(request, dem).names))
     return Preview.of([] if request.report is None else [request.report], facts)
@@ -68,7 +70,7 @@ def score(request: ScoreRequest) -> "ScoreResult":
     request.check()
     if request.checkpoints is None:
         return _score_against_raster(request)
-    return _score_at_checkpoints(request, map_of(request.source, request.crs, request.epoch_s))
+    return _score_at_checkpoints(request, map_of(request.source, request.crs, request.epoch_s, request.units))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,10 +171,10 @@ def _score_against_raster(request: ScoreRequest) -> ScoreResult:
         return _raster_result(request, _in_blocks(request), {}, (), _no_report)
     assert request.truth is not None
     map_, truth = (
-        map_of(request.source, request.crs, request.epoch_s),
-        survey.Dem.read(request.truth, crs=request.crs),
+        map_of(request.source, request.crs, request.epoch_s, request.units),
+        survey.Dem.read(request.truth, crs=request.crs, units=request.units),
     )
-    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=truth.crs)
+    area = area_if_named(request.area, request, truth.crs)
     route = None if request.route is None else survey.Route.read(request.route)
     judged = survey.score(map_, truth=truth, route=route, area=area)
     classes = _classes(request, map_, truth, area)
@@ -209,7 +211,7 @@ def _is_large(request: ScoreRequest) -> bool:
     if request.route is not None or not request.source.is_file():
         return False
     files = (request.truth, request.source)
-    cells = max(math.prod(raster_facts(file).shape) for file in files)
+    cells = max(math.prod(raster_facts(file, request.units).shape) for file in files)
     if cells > LARGE and (request.report is not None or request.by):
         raise CapacityError(
             f"{request.source} or {request.truth} has {cells:,} cells; --report and --by take up to {LARGE:,}, cut the rasters to the area."
@@ -223,9 +225,9 @@ def _in_blocks(request: ScoreRequest) -> "survey.Score":
     from survey.scoring.scores import score_files
 
     assert request.truth is not None
-    system = agreed_crs(raster_facts(request.truth).crs, request.crs, str(request.truth))
-    ground = None if request.area is None else survey.SurveyArea.read(request.area, crs=system)
-    return score_files(request.source, request.truth, ground, crs=request.crs)
+    system = agreed_crs(raster_facts(request.truth, request.units).crs, request.crs, str(request.truth))
+    ground = area_if_named(request.area, request, system)
+    return score_files(request.source, request.truth, ground, crs=request.crs, units=request.units)
 
 
 def _classes(
@@ -245,10 +247,12 @@ def _classes(
 
 
 def _datum_remark(map_: "survey.Reconstruction | survey.Dem", truth: "survey.Dem") -> list[str]:
-    """Return a note where one of map and reference alone states its vertical datum."""
+    """Return a note where map, reference or both do not state their vertical datum."""
     mean = map_ if isinstance(map_, survey.Dem) else map_.mean
-    if bool(mean.vertical_datum) == bool(truth.vertical_datum):
+    if mean.vertical_datum and truth.vertical_datum:
         return []
+    if not (mean.vertical_datum or truth.vertical_datum):
+        return ["  note: neither map nor reference states its vertical datum; tens of metres can hide there"]
     stated, unstated = ("map", "reference") if mean.vertical_datum else ("reference", "map")
     return [
         f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "
@@ -296,7 +300,7 @@ def _score_at_checkpoints(request: ScoreRequest, map_: "survey.Reconstruction | 
 
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
     points = read_checkpoints(request, dem)
-    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=dem.crs)
+    area = area_if_named(request.area, request, dem.crs)
     errors = compare(dem, points, area)
     judged = score_at(
         errors,
@@ -325,14 +329,25 @@ def read_checkpoints(request: ScoreRequest, dem: "survey.Dem") -> "Checkpoints":
     assert request.checkpoints is not None
     points = Checkpoints.read(
         request.checkpoints,
-        crs=dem.crs,
+        crs=_as_named(request.crs, dem),
         sigma_m=request.sigma_m,
         vertical_datum=request.datum,
-        columns=parse_columns(request.columns),
+        columns=parse_columns(request.columns, layout=request.layout),
+        units=request.units,
     )
     if request.control is not None:
         points.refuse_control(control_places(request.control, dem.crs))
     return points
+
+
+def _as_named(crs: str | None, dem: "survey.Dem") -> Any:
+    """Return the CRS of checkpoints that state none: that of the map, or its twin in feet where that was named."""
+    from survey.core.crs import equal_crs, projected_crs
+    from survey.core.transformation import metric_crs
+
+    if crs is None or not equal_crs(projected_crs(metric_crs(crs, "--crs").crs, "--crs"), dem.crs):
+        return dem.crs
+    return crs
 
 
 def _classes_at_checkpoints(

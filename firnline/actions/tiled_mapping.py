@@ -14,6 +14,7 @@ from firnline.actions.interface import (
     Preview,
     Progress,
     Result,
+    area_if_named,
     fact_line,
     figure_lines,
     no_progress,
@@ -71,6 +72,11 @@ class TiledMapResult(Result):
         (self.job.folder / "withheld.png").write_bytes(png_bytes(figure))
         return self
 
+    @property
+    def notes(self) -> list[str]:
+        """A map that fails its own check, in capital letters at the front."""
+        return [f"WARNING: {each}." for each in self.result.facts["diagnostics"].get("warnings", ())]
+
     def facts(self) -> dict[str, Any]:
         """Return the record of the map."""
         return self.result.facts
@@ -89,6 +95,7 @@ class TiledMapResult(Result):
             fact_line("strips", f"{len(found['strips'])}, {found['n_overlap_blocks']} blocks of overlap"),
         ]
         lines += [fact_line("left out", each["sentence"]) for each in found.get("blunders", ())]
+        lines += [fact_line("warning", each["sentence"]) for each in found.get("contradictions", ())]
         if test.n:
             share = 100.0 * test.coverage_95
             lines.append(fact_line("withheld", f"{share:.1f} % of {test.n:,} cells within the 95 % interval"))
@@ -130,7 +137,7 @@ def map_in_tiles(
     job = _checked_job(request)
     request.out.mkdir(parents=True, exist_ok=True)
     if request.prior is not None and not job.prior_file.exists():
-        _store_prior(request.prior, job)
+        _store_prior(request.prior, job, request.units)
     announce(fact_line("work", "; ".join(_facts(job).values())))
     engine: Any = "dask" if request.scheduler else "serial" if request.workers == 1 else "processes"
     with open_workers(engine, request.workers, request.scheduler) as run:
@@ -141,9 +148,16 @@ def _checked_job(request: ReconstructRequest, *, removes: bool = True) -> TiledJ
     """Return the job of a request that was checked."""
     _refuse_unused(request)
     _prepare(request, removes=removes)
-    job = tiled_job(request.sources, request.out, _config(request), crs=request.crs, bounds=_bounds(request))
+    job = tiled_job(
+        request.sources,
+        request.out,
+        _config(request),
+        crs=request.crs,
+        bounds=_bounds(request),
+        units=request.units,
+    )
     if request.control is not None:
-        job = job._replace(control=_control(request.control, job))
+        job = job._replace(control=_control(request.control, job, request.units))
     if request.prior is not None:
         job = job._replace(prior=fingerprint(existing_file(request.prior, "the prior")))
     return job
@@ -160,6 +174,8 @@ def _refuse_unused(options: ReconstructRequest) -> None:
         "--method": options.method,
         "--value": options.value,
         "--sigma": options.sigma_m,
+        "--columns": options.columns or None,
+        "--format": options.layout,
         "--trajectory": options.trajectories or None,
         "--rays": options.rays or None,
         "--max-slope": options.max_slope_deg,
@@ -185,15 +201,13 @@ def _prepare(options: ReconstructRequest, *, removes: bool) -> None:
 
 def _bounds(options: ReconstructRequest) -> tuple[float, float, float, float] | None:
     """Return the box about the area that is named."""
-    if options.area is None:
-        return None
-    area = survey.SurveyArea.read(options.area, crs=options.crs)
-    return area.bounds
+    area = area_if_named(options.area, options, options.crs)
+    return None if area is None else area.bounds
 
 
-def _control(file: Path, job: TiledJob) -> Control:
+def _control(file: Path, job: TiledJob, units: str | None) -> Control:
     """Read control points with their standard deviations."""
-    points = survey.SurfacePoints.read(file, crs=job.map_crs)
+    points = survey.SurfacePoints.read(file, crs=job.map_crs, units=units)
     same_vertical_datum(points.vertical_datum, job.vertical_datum, "the control points and the points")
     every = Control(np.asarray(points.xyz), np.asarray(points.sigma_z))
     control = every.within(job.layout.extent, job.layout.cell_m)
@@ -209,10 +223,10 @@ def _control(file: Path, job: TiledJob) -> Control:
     return control
 
 
-def _store_prior(file: Path, job: TiledJob) -> None:
+def _store_prior(file: Path, job: TiledJob, units: str | None) -> None:
     """Store the prior's heights at the nodes of the long relief."""
     window = coarse_nodes(job.layout, job.config.coarse_cells)
-    prior = read_about(file, window.bounds, job.map_crs, "the prior")
+    prior = read_about(file, window.bounds, job.map_crs, "the prior", units=units)
     heights = prior.at(window.xy).reshape(window.shape)
     if not np.isfinite(heights).any():
         raise InputError(

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,11 +15,12 @@ from firnline.actions.interface import (
     Argument,
     Option,
     Result,
+    chosen_area,
     needs_live_extra,
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Patience, System
+from firnline.actions.requests import Patience, Select, System
 from survey.core import duration_text
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class WatchRequest:
         ),
     ] = None
     area: Annotated[Path | None, Option("--area", help="Area that is mapped.")] = None
+    select: Select = field(default_factory=list)
     route: Annotated[
         Path | None, Option("--route", help="Planned route, whose swaths are recognized as they are driven.")
     ] = None
@@ -281,7 +283,7 @@ def _watch(request: WatchRequest) -> "SurveyWatch":
     config = AdaptiveConfig(
         limit_of(request.require), request.probability, noise_m=request.noise_m, shared_m=request.shared_m
     )
-    area = survey.SurveyArea.read(request.area, crs=route.crs)
+    area = chosen_area(request.area, request, route.crs)
     return SurveyWatch(area, config, list(route.legs), request.every_m)
 
 

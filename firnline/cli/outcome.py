@@ -11,6 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from contextvars import Context
 from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
@@ -38,7 +39,8 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            result = command(*args, **kwargs)
+            # A context of its own: whether feet were read is not handed on to the next command of the same process.
+            result = Context().run(command, *args, **kwargs)
             sys.stdout.flush()
         except (typer.Exit, typer.Abort):
             raise
@@ -62,7 +64,7 @@ def run_guarded(run: Callable[[], None]) -> None:
         if isinstance(ending.__context__, BrokenPipeError):
             raise SystemExit(OUTPUT_CLOSED) from ending
         raise
-    except (OSError, KeyboardInterrupt) as error:
+    except (OSError, MemoryError, ImportError, KeyboardInterrupt) as error:
         try:
             _end(error)
         except typer.Exit as ending:
@@ -99,12 +101,11 @@ def _end(error: BaseException, *, has_verbose: bool = False) -> NoReturn:
 def _sentence(error: BaseException) -> str | None:
     """Return the sentence for what the system refuses; None for a fault of firnline."""
     from survey.core.files import NO_SPACE
+    from survey.core.foreign import limit_reached
 
-    if isinstance(error, MemoryError):
-        detail = f" ({error})" if str(error) else ""
-        return (
-            f"the memory does not suffice{detail}; take a smaller area or a coarser step, or fewer workers."
-        )
+    limit = limit_reached(error)
+    if limit is not None:
+        return f"{limit}, or take a smaller area or a coarser step, or fewer workers."
     if isinstance(error, UnicodeEncodeError):
         return f"the name {error.object[:80]!r} is not valid UTF-8; rename the file or folder."
     if isinstance(error, OSError):

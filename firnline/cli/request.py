@@ -82,7 +82,13 @@ def with_options_of(request: type[Request]) -> Callable[[Callable[..., None]], C
         def called(**options: Any) -> None:
             own = {one.name: options.pop(one.name, one.default) for one in single}
             own |= {one.name: _taken(one.annotation, options) for one in groups}
-            command(request(**options), **own)
+            made = request(**options)
+            units = getattr(made, "units", None)
+            if units is not None:
+                from survey.core.lengths import named_units, show_feet
+
+                show_feet(named_units(units))
+            command(made, **own)
 
         vars(called)["__signature__"] = Signature(parameters)
         called.__annotations__ = {one.name: one.annotation for one in parameters}
@@ -141,8 +147,10 @@ def print_result(result: Result, *, as_json: bool = False, quiet: bool = False) 
     if as_json:
         typer.echo(result.as_json())
     elif not quiet:
+        from survey.core.lengths import in_both
+
         for line in result.lines():
-            typer.echo(line)
+            typer.echo(in_both(line))
     if not result.is_met:
         raise typer.Exit(NOT_MET)
 

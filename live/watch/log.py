@@ -17,6 +17,7 @@ from live.watch.samples import Sample
 from live.watch.survey_watch import Event, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
 from survey import InputError, Leg, SurveyArea
+from survey.core import parse_json, refusing_damage
 
 VERSION = 1
 
@@ -87,12 +88,8 @@ def replayed_states(path: Path) -> Iterator[tuple[SurveyWatch, dict[str, Any]]]:
         if "in" not in entry:
             continue
         yield watch, entry
-        try:
+        with refusing_damage(f"{path}, line {number},", "input of a watch", "name another file"):
             events = entered(watch, entry)
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{path}, line {number}: no input of a watch ({error}); name another file."
-            ) from error
         for event in events:
             yield watch, event
 
@@ -101,10 +98,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
     """Read the complete lines of a log: one object each, the first one the heading."""
     entries: list[dict[str, Any]] = []
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1], 1):
-        try:
-            entry = json.loads(line)
-        except ValueError:
-            entry = None
+        entry = parse_json(line, f"{path}, line {number}", "name a log of firnline watch")
         if not isinstance(entry, dict):
             raise InputError(f"{path}, line {number}: no JSON object; name a log of firnline watch.")
         entries.append(entry)
@@ -119,9 +113,5 @@ def _watch_of_file(path: Path, heading: dict[str, Any]) -> SurveyWatch:
         raise InputError(
             f"{path}, line 1: 'firnline_watch': {VERSION} was expected; name a log of firnline watch of this version."
         )
-    try:
+    with refusing_damage(f"{path}, line 1,", "survey", "name another file"):
         return watch_of(heading)
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"{path}, line 1: the survey cannot be read ({error}); name another file."
-        ) from error

@@ -33,6 +33,7 @@ from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_line
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
+from planners.routes.traversability import on_free_ground
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray
@@ -295,7 +296,7 @@ def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveC
                 f"{state.predicted.rmse_m:.2f} m, ask for a larger error."
             )
         state.drive(state.nearest(lines), _unmeasured)
-    return Route(tuple(state.legs), area.crs, "adaptive")
+    return on_free_ground(Route(tuple(state.legs), area.crs, "adaptive"), area)
 
 
 def next_swath(

@@ -12,6 +12,7 @@ import numpy as np
 from planners.routes.fleet import share
 from planners.routes.rover import Rover
 from planners.routes.shortest_paths import FreeGround
+from planners.routes.traversability import on_free_ground
 from survey import ConfigError, Dem, InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray
 
@@ -37,7 +38,7 @@ def with_way_home(route: Route, area: SurveyArea) -> Route:
         raise InputError("aids.way_home is for one rover; leave it out, or set fleet.rovers = 1.")
     start, end = route.legs[0].xy[0], route.legs[-1].xy[-1]
     way = FreeGround(area.free).way(end, start)
-    return replace(route, legs=(*route.legs, Leg("transit", way)))
+    return on_free_ground(replace(route, legs=(*route.legs, Leg("transit", way))), area)
 
 
 def cut_short(route: Route, loss: Loss) -> Route:

@@ -18,6 +18,7 @@ from numba import njit
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from survey.core import FloatArray, InputError, IntArray
+from survey.data.outlines import MOST_CORNERS
 
 PointXY = tuple[float, float]
 
@@ -285,9 +286,6 @@ def way(a: int, b: int, network: Network) -> tuple[float, FloatArray]:
 MARGIN_M = 1e-3
 """Waypoints keep this distance from slanted borders, so that rounding puts none outside [m]."""
 
-MAX_CORNERS = 20_000
-"""More corners than this make the network of transits too large; the outline is to be simplified first."""
-
 
 @dataclass(frozen=True, eq=False)
 class FreeGround:
@@ -312,9 +310,9 @@ class FreeGround:
 
     def __post_init__(self) -> None:
         n_corners = int(shapely.get_num_coordinates(self.polygon))
-        if n_corners > MAX_CORNERS:
+        if n_corners > MOST_CORNERS:
             raise InputError(
-                f"the ground has {n_corners} corners; at most {MAX_CORNERS} can be planned on, simplify the outline by a metre or so first."
+                f"the ground has {n_corners} corners; at most {MOST_CORNERS} can be planned on, simplify the outline by a metre or so first."
             )
         if self.inner.is_empty:
             raise InputError(

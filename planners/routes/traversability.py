@@ -2,9 +2,10 @@
 
 `drivable` closes the cells of a DEM that are too steep or too rough, ground that is too narrow, and pieces that no start
 reaches. It returns the free ground, and each piece that is left out with the reason. `without_marked` cuts the marked
-cells of a raster out of an area as no-go zones.
+cells of a raster out of an area as no-go zones; `between_heights` cuts an area to a range of heights.
 """
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,8 +19,10 @@ from planners.capacity import require_cells
 from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
 from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
-from survey import Dem, InputError, SurveyArea
+from survey import Dem, InputError, Route, SurveyArea
 from survey.core import BoolArray, FloatArray
+
+logger = logging.getLogger(__name__)
 
 
 def roughness(dem: Dem) -> FloatArray:
@@ -257,6 +260,66 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
     if not outside.is_empty:
         ground["height unknown"] = shapely.union(ground.get("height unknown", Polygon()), outside)
     return ground
+
+
+_TOLERANCE_M = 0.01
+
+
+def on_free_ground(route: Route, area: SurveyArea) -> Route:
+    """Return a planned route; refuse one that leaves the area or enters a no-go zone by more than a centimetre.
+
+    >>> from survey import Leg
+    >>> square = SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), "EPSG:32608")
+    >>> on_free_ground(Route((Leg("swath", [[5.0, 5.0], [5.0, 35.0]]),), square.crs, "line"), square).length_m
+    30.0
+    """
+    line = route.line
+    if area.free.covers(line):
+        return route
+    beyond = line.difference(area.free.buffer(_TOLERANCE_M, join_style="mitre"))
+    if beyond.is_empty:
+        return route
+    x, y = shapely.get_coordinates(beyond)[0]
+    raise InputError(
+        f"the planned route is outside the area or in a no-go zone for {beyond.length:.2f} m, first at ({x:.1f}, {y:.1f}); "
+        "nothing was planned: correct or simplify the outline there, or choose another pattern."
+    )
+
+
+def between_heights(
+    area: SurveyArea, dem: Dem, *, above_m: float | None = None, below_m: float | None = None
+) -> SurveyArea:
+    """Return the ground of an area between two heights of a raster, as the tongue of a glacier is; the log states the rest.
+
+    Cells without a height count as outside. Half a cell around each cell outside is left out too.
+
+    >>> from affine import Affine
+    >>> slope = Dem(np.repeat(np.arange(0.0, 100.0, 10.0)[:, None], 10, axis=1), Affine(10, 0, 0, 0, -10, 100), "EPSG:32608")
+    >>> square = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), "EPSG:32608")
+    >>> between_heights(square, slope, below_m=45.0).bounds[1] > 50.0
+    True
+    """
+    area.require_crs(dem.crs, "the prior")
+    low_m, high_m = -np.inf if above_m is None else above_m, np.inf if below_m is None else below_m
+    outside = ~((dem.elevation >= low_m) & (dem.elevation <= high_m))
+    ground = area.polygon.intersection(shapely.box(*dem.bounds))
+    if outside.any():
+        ground = ground.difference(cell_outline(outside, dem))
+    parts = [part for part in shapely.get_parts(ground) if part.area >= dem.step_m**2]
+    limits = " and ".join(
+        f"{word} {limit:g} m" for word, limit in (("above", above_m), ("below", below_m)) if limit is not None
+    )
+    if not parts:
+        known = dem.elevation[np.isfinite(dem.elevation)]
+        raise InputError(
+            f"no ground of the area lies {limits} of the prior (its heights are {known.min():.0f} to {known.max():.0f} m); change --above or --below."
+        )
+    ground = parts[0] if len(parts) == 1 else MultiPolygon(parts)
+    logger.warning(
+        "%.1f %% of the area lies %s; the rest is left out.", 100.0 * ground.area / area.polygon.area, limits
+    )
+    no_go = tuple(zone for zone in area.no_go if zone.intersects(ground))
+    return SurveyArea(ground, area.crs, no_go, area.starts)
 
 
 def without_marked(area: SurveyArea, mask: Dem) -> SurveyArea:

@@ -151,6 +151,8 @@ class AreaConfig(Section):
 
     file: str | None = None
     """Polygon file; a relative path counts from the mission file."""
+    select: tuple[str, ...] = ()
+    """Which outlines of the file: names, or COLUMN=VALUE such as RGIId=RGI60-11.00897; * stands for any letters."""
     bounds_m: tuple[float, float, float, float] | None = None
     """Rectangle xmin, ymin, xmax, ymax in the terrain's CRS [m]."""
     clip_to_terrain: bool = False
@@ -162,6 +164,8 @@ class AreaConfig(Section):
     def _one_of_two(self) -> "AreaConfig":
         if self.file is not None and self.bounds_m is not None:
             raise ValueError("area.file and area.bounds_m exclude one another, give one of them")
+        if self.select and self.file is None:
+            raise ValueError("area.select chooses outlines of area.file, name the file")
         return self
 
 

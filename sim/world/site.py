@@ -167,7 +167,7 @@ def _surveyed(mission: MissionConfig, terrain: Dem, prior: Dem | None) -> World:
 def _area(mission: MissionConfig, terrain: Dem) -> SurveyArea:
     config = mission.area
     if config.file is not None:
-        area = SurveyArea.read(mission.path(config.file), crs=terrain.crs)
+        area = SurveyArea.read(mission.path(config.file), crs=terrain.crs, select=config.select)
     else:
         area = SurveyArea.rectangle(config.bounds_m or terrain.bounds, terrain.crs)
         if config.bounds_m is None and isinstance(mission.terrain, RandomTerrain | SampleTerrain):

@@ -30,6 +30,8 @@ from survey.core.files import first_line as first_line
 from survey.core.files import replacing as replacing
 from survey.core.files import write_bytes as write_bytes
 from survey.core.files import write_text as write_text
+from survey.core.foreign import parse_json as parse_json
+from survey.core.foreign import refusing_damage as refusing_damage
 from survey.core.replacement import replacing_files as replacing_files
 from survey.core.replacement import replacing_folder as replacing_folder
 from survey.core.streams import stream as stream

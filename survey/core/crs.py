@@ -95,7 +95,7 @@ def projected_crs(crs: Any, where: str) -> CRS:
         )
     if unit_name(horizontal) not in ("metre", "meter", "m"):
         raise InputError(
-            f"{where} is in {horizontal.name}, whose unit is the {unit_name(horizontal)}; metres are needed, reproject it."
+            f"{where} is in {horizontal.name}, whose unit is the {unit_name(horizontal)}; metres are needed, reproject it (gdalwarp -t_srs, ogr2ogr -t_srs)."
         )
     return horizontal.to_2d() if len(horizontal.axis_info) > 2 else horizontal
 
@@ -129,13 +129,53 @@ VERTICAL_CRS = {
 """Vertical datums that are known by name, with their codes."""
 
 
+# Spellings of the datums that are known by name, and of names that say nothing.
+_SPELLED_DATUMS = {
+    ELLIPSOIDAL: r"^ellipsoid|^wgs ?84 (ellipsoid|height)|ellipsoidal? (height|ht)",
+    "NAVD88 height": r"navd ?(19)?88|north american vertical datum (of )?1988|geoid ?(20)?(03|06|09|12|18)|\bg20(03|06|09|12|18)",
+    "EGM96 height": r"egm ?(19)?96",
+    "EGM2008 height": r"egm ?(20)?08",
+    "EGM84 height": r"egm ?(19)?84",
+}
+_SAYS_NOTHING = re.compile(
+    r"^(unknown|unnamed|undefined|unstated|not specified|none)\b|^(vertical|height|up)?$"
+)
+_UNIT_OF_DATUM = re.compile(
+    r"\s*\((ft|ftUS|US survey foot|US survey feet|ft intl|foot|feet|m|metre|meter|metres|meters)\)$", re.I
+)
+
+
+def known_datum(name: str) -> str | None:
+    """Return the name that a vertical datum has here by any of its spellings; None for one that is not known.
+
+    >>> known_datum("NAVD88 - Geoid12A (ftUS)"), known_datum("us_nga_egm96_15.tif"), known_datum("DVR90 height")
+    ('NAVD88 height', 'EGM96 height', None)
+    """
+    plain = re.sub(r"[\W_]+", " ", name).lower().strip()
+    return next((known for known, spelled in _SPELLED_DATUMS.items() if re.search(spelled, plain)), None)
+
+
+def datum_named(name: str, grids: str = "") -> str:
+    """Return the vertical datum of a name that a file states, and of the grids of its geoid; ``""`` where they say nothing.
+
+    PROJ calls every surface that it has no name for ``unknown``; two of them need not be one.
+
+    >>> datum_named("unknown"), datum_named("unknown", "egm96_15.gtx"), datum_named("NAVD88 height (ftUS)")
+    ('', 'EGM96 height', 'NAVD88 height')
+    """
+    plain = re.sub(r"[\W_]+", " ", name).lower().strip()
+    if _SAYS_NOTHING.search(plain):
+        return UNSTATED if not grids else known_datum(grids) or f"height above {grids}"
+    return _UNIT_OF_DATUM.sub("", name)
+
+
 def vertical_datum_of(crs: Any) -> str:
-    """Return the name of the vertical part of a CRS, or ``""`` when it has none.
+    """Return the name of the vertical part of a CRS, or ``""`` when it has none or one that says nothing.
 
     >>> vertical_datum_of("EPSG:32608+5773")
     'EGM96 height'
-    >>> vertical_datum_of("EPSG:32608")
-    ''
+    >>> vertical_datum_of("EPSG:32608"), vertical_datum_of("+proj=utm +zone=8 +geoidgrids=egm96_15.gtx +type=crs")
+    ('', 'EGM96 height')
     """
     full = known_crs(crs, "the file")
     if full.is_compound:
@@ -143,23 +183,37 @@ def vertical_datum_of(crs: Any) -> str:
         unit = unit_name(vertical)
         if unit not in ("metre", "meter", "m"):
             raise InputError(
-                f"the heights count in {vertical.name}, whose unit is the {unit}; metres are needed, convert them first."
+                f"the heights count in {vertical.name}, whose unit is the {unit}; metres are needed, name the horizontal CRS alone with --crs, and the "
+                "unit of the heights with --units ft or us-ft where the command has that option."
             )
         if vertical.axis_info and vertical.axis_info[0].direction.lower() == "down":
             raise InputError(
                 f"the CRS counts {vertical.name} downwards; elevations upwards are needed, change the sign and the CRS first."
             )
-        return str(vertical.name)
+        way = vertical.coordinate_operation
+        grids = "" if way is None else ", ".join(str(each.short_name) for each in way.grids)
+        return datum_named(str(vertical.name), grids)
     return ELLIPSOIDAL if len(full.axis_info) > 2 else UNSTATED
 
 
 def same_vertical_datum(a: str, b: str, what: str) -> None:
-    """Refuse heights above two different datums; an unstated datum agrees with any."""
-    if a != b and UNSTATED not in (a, b):
-        raise InputError(
-            f"{what} have heights above different vertical datums, {a!r} and {b!r}; they differ by tens of metres, "
-            "transform one of them first."
-        )
+    """Refuse heights above two different datums; an unstated datum agrees with any, and spellings of one with each other.
+
+    >>> same_vertical_datum("NAVD88 height", "NAVD88 - Geoid12A (Meters)", "the two surveys")
+    """
+    names = datum_named(a), datum_named(b)
+    known = [known_datum(name) or name for name in names]
+    if UNSTATED in names or known[0] == known[1]:
+        return
+    by = "how much these differ is not known here"
+    if set(known) <= set(_SPELLED_DATUMS):
+        by = "they differ by decimetres to some metres"
+        if ELLIPSOIDAL in known:
+            by = "they differ by up to a hundred metres"
+    raise InputError(
+        f"{what} have heights above different vertical datums, {a!r} and {b!r}; {by}, transform one of them first "
+        "(gdalwarp -s_srs … -t_srs … for a raster, cs2cs for points)."
+    )
 
 
 def datum_of_file(stated: str, crs: Any, where: str) -> str:

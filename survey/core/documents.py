@@ -1,8 +1,8 @@
 """JSON documents, run manifests and run logs.
 
-Documents are written atomically and refused when damaged. A manifest has a fixed shape and carries the SHA-256 of its
-own content, of its inputs and of its files. A log has one JSON object a line, each with the SHA-256 of its own content;
-a last line without a line break was cut off by a kill.
+Documents are written atomically and refused when damaged. A
+manifest has a fixed shape and carries the SHA-256 of its own content, of its inputs and of its files. A log has one JSON
+object a line, each with the SHA-256 of its own content; a last line without a line break was cut off by a kill.
 """
 
 import hashlib
@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from survey.core.errors import InputError
 from survey.core.files import existing_file, first_line, read_bytes, replacing
+from survey.core.foreign import parse_json
 
 LARGEST_BYTES = 256 * 2**20
 """Documents beyond this are not read: some 2 GB while they are parsed."""
@@ -31,14 +32,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 def read_json(path: str | Path, what: str) -> dict[str, Any]:
     """Read a document."""
     file = existing_file(path, what)
-    try:
-        content = json.loads(read_bytes(file, what, LARGEST_BYTES).decode("utf-8"))
-    except RecursionError as error:
-        raise InputError(f"{what} {file} is nested too deep; make it again.") from error
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(f"{what} {file} is damaged ({first_line(error)}); make it again.") from error
+    content = parse_json(read_bytes(file, what, LARGEST_BYTES), f"{what} {file}", "make it again")
     if not isinstance(content, dict):
         raise InputError(f"{what} {file} holds a {type(content).__name__}; an object was expected.")
     return content
@@ -105,11 +99,11 @@ def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read a manifest and check its shape, its version and its checksum."""
     try:
-        content = json.loads(path.read_bytes())
+        content = parse_json(path.read_bytes(), "its text")
         version = content["manifest_version"] if isinstance(content, dict) else None
         if version == MANIFEST_VERSION:
             _ManifestShape.model_validate(content)
-    except (OSError, ValueError, KeyError, RecursionError) as error:
+    except (OSError, ValueError, KeyError) as error:
         raise _damaged_document(path, _reason(error)) from error
     if version != MANIFEST_VERSION:
         raise InputError(
@@ -147,9 +141,7 @@ def _reason(error: Exception) -> str:
         return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
     if isinstance(error, KeyError):
         return f"it has no {error.args[0]}"
-    if isinstance(error, RecursionError):
-        return "it is nested too deeply"
-    return str(error)
+    return first_line(error.__cause__ or error)
 
 
 def _damaged_document(path: Path, reason: str) -> InputError:
@@ -192,8 +184,8 @@ def cut_incomplete_line(path: Path) -> None:
 
 def _checked(line: bytes, file: Path, number: int) -> dict[str, Any]:
     try:
-        entry = json.loads(line)
-    except (ValueError, RecursionError) as error:
+        entry = parse_json(line, "it")
+    except InputError as error:
         raise _damaged_line(file, number) from error
     if not (isinstance(entry, dict) and is_intact(entry, _LINE_SHA256)):
         raise _damaged_line(file, number)

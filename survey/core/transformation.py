@@ -1,11 +1,11 @@
 """Transformation between coordinate reference systems, and choice of a projected CRS for places in degrees.
 
-Coordinates and heights are transformed by PROJ. Grids that an operation needs and that are not installed are named. The
+A CRS in feet has a twin in metres, in which every coordinate is its own times the metres of a foot. Coordinates and heights are transformed by PROJ. Grids that an operation needs and that are not installed are named. The
 chosen CRS is the UTM zone of the places, or polar stereographic near the poles.
 """
 
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pyproj import CRS, Transformer
@@ -14,8 +14,63 @@ from pyproj.exceptions import CRSError, ProjError
 from pyproj.transformer import TransformerGroup
 
 from survey.core.arrays import FloatArray, frozen
-from survey.core.crs import VERTICAL_CRS, known_crs, projected_crs
+from survey.core.crs import VERTICAL_CRS, datum_named, known_crs, projected_crs
 from survey.core.errors import InputError
+
+
+class MetricCrs(NamedTuple):
+    """A CRS in metres, and the metres in a unit of the system that it stands for.
+
+    `crs`: the twin in metres; the system itself where that is in metres or degrees. `place_m`: of its eastings and
+    northings. `height_m`: of its heights; None where it has none.
+    """
+
+    crs: CRS
+    place_m: float = 1.0
+    height_m: float | None = None
+
+
+def metric_crs(crs: Any, where: str) -> MetricCrs:
+    """Return the twin in metres of a system that counts in another unit of length, such as feet.
+
+    >>> metric_crs("EPSG:2263+6360", "the points").crs.name
+    'NAD83 / New York Long Island + NAVD88 height'
+    """
+    full = known_crs(crs, where)
+    parts = full.sub_crs_list if full.is_compound else [full]
+    height_m = None
+    if full.is_compound or len(full.axis_info) > 2:
+        height_m = float(full.axis_info[-1].unit_conversion_factor)
+    place_m = 1.0 if parts[0].is_geographic else float(full.axis_info[0].unit_conversion_factor or 1.0)
+    if place_m == 1.0 and height_m in (None, 1.0):
+        return MetricCrs(full, 1.0, height_m)
+    twins = [_in_metres(part) for part in parts]
+    if len(twins) == 1:
+        return MetricCrs(twins[0], place_m, height_m)
+    return MetricCrs(CompoundCRS(" + ".join(twin.name for twin in twins), twins), place_m, height_m)
+
+
+def _in_metres(crs: CRS) -> CRS:
+    """Return a system with its axes in metres; a registered one where it equals one."""
+    stated = crs.to_json_dict()
+    if not _set_metres(stated):
+        return crs
+    made = CRS.from_json_dict(stated)
+    return coded_crs(made) or made
+
+
+def _set_metres(stated: dict[str, Any]) -> bool:
+    """Count the lengths of the axes of a system in metres, within what it is made of; return whether any were others."""
+    axes = stated.get("coordinate_system", {}).get("axis", [])
+    lengths = [
+        axis for axis in axes if isinstance(axis["unit"], dict) and axis["unit"]["type"] == "LinearUnit"
+    ]
+    for axis in lengths:
+        axis["unit"] = "metre"
+    if lengths:
+        stated.pop("id", None)
+        stated["name"] = datum_named(stated["name"]) or stated["name"]
+    return bool(lengths) | (_set_metres(stated["source_crs"]) if "source_crs" in stated else False)
 
 
 def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatArray:

@@ -339,6 +339,40 @@ _FARTHEST_M = 50.0
 _TOLERANCE = 1e-6
 
 
+# No lens is built farther from the middle of its sensor, in shares of the image; and of how much two shares of one scale differ.
+_MOST_OFF_CENTRE, _SAME_SCALE = 0.2, 0.15
+
+
+def off_centre_note(camera: Camera) -> str | None:
+    """Return a note where the principal point is far from the middle of the image, with the scale that would explain it.
+
+    >>> matrix = np.array([[150.0, 0, 80], [0, 150, 60], [0, 0, 1]])
+    >>> off_centre_note(Camera("pinhole", 320, 240, matrix, np.zeros(5), np.eye(4)))
+    'the principal point 80, 60 is far from the middle of 320 × 240 pixels, as in a calibration for images of 0.5 times this size: multiply fx, fy, cx and cy by 2 where it is one'
+    """
+    (_, _, cx), (_, _, cy), _ = camera.matrix.tolist()
+    width, height = camera.width, camera.height
+    off = max(abs((cx + 0.5) / width - 0.5), abs((cy + 0.5) / height - 0.5))
+    if off <= _MOST_OFF_CENTRE:
+        return None
+    return (
+        f"the principal point {cx:g}, {cy:g} is far from the middle of {width} × {height} pixels"
+        f"{_of_other_size(cx, cy, width, height) or ', as in a part cut out of larger images'}"
+    )
+
+
+def _of_other_size(cx: float, cy: float, width: int, height: int) -> str:
+    """Return in words of which size of images a principal point is the middle; empty where of none of this shape."""
+    across, down = (2.0 * cx + 1.0) / width, (2.0 * cy + 1.0) / height
+    if min(across, down) <= 0.0 or abs(across - down) > _SAME_SCALE * max(across, down):
+        return ""
+    scale = 0.5 * (across + down)
+    return (
+        f", as in a calibration for images of {scale:.2g} times this size: multiply fx, fy, cx and cy by {1.0 / scale:.2g} "
+        "where it is one"
+    )
+
+
 def refuse_impossible_matrix(matrix: FloatArray, width: int, height: int) -> None:
     """Refuse a camera matrix (3, 3) that describes no lens in front of such an image.
 
@@ -364,8 +398,8 @@ def refuse_impossible_matrix(matrix: FloatArray, width: int, height: int) -> Non
         )
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
         raise InputError(
-            f"the camera matrix has its principal point at {cx:g}, {cy:g}, outside of the image of {width} × {height} pixels; "
-            "give the matrix for images of this size, with column before row."
+            f"the camera matrix has its principal point at {cx:g}, {cy:g}, outside of the image of {width} × {height} pixels"
+            f"{_of_other_size(cx, cy, width, height)}; give the matrix for images of this size, with column before row."
         )
     if abs(skew) * height / fy > _MOST_SKEW_PX:
         raise InputError(

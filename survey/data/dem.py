@@ -12,7 +12,7 @@ from pyproj import CRS
 from survey.core.arrays import Bounds, DataObject, FloatArray, frozen, lattice_places
 from survey.core.crs import UNSTATED, datum_of_file, projected_crs, refuse_far
 from survey.core.errors import InputError
-from survey.core.transformation import is_geographic
+from survey.core.transformation import is_geographic, metric_crs
 from survey.data.conversions import drawing, html_table, plot_raster, to_dataset, value_range
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
@@ -115,8 +115,11 @@ class Dem(DataObject):
         band: int = 1,
         bounds: Bounds | None = None,
         mask: bool = False,
+        units: str | None = None,
     ) -> Self:
         """Read a raster; scale, offset and unit are applied, so that heights are in metres.
+
+        Places and heights in feet are converted, and the log states it.
 
         Parameters
         ----------
@@ -135,6 +138,8 @@ class Dem(DataObject):
             then not verified.
         mask : bool
             Read a mask of two values, such as no-go ground, instead of elevations.
+        units : {"m", "ft", "us-ft"}, optional
+            Unit of heights for rasters of which neither band nor vertical CRS states it.
 
         Returns
         -------
@@ -153,7 +158,11 @@ class Dem(DataObject):
         CapacityError
             It has more than `survey.io.raster.LARGEST_CELLS` cells, and no `bounds` within them are named.
         """
-        raster = read_raster(path, band=band, bounds=bounds, bounds_crs=window_crs(path, crs, bounds))
+        raster = read_raster(
+            path, band=band, bounds=bounds, bounds_crs=window_crs(path, crs, bounds), units=units
+        )
+        if crs is not None and raster.crs is not None:
+            crs = metric_crs(crs, str(path)).crs
         if not mask:
             _refuse_mask(raster, path)
             refuse_detached(raster.values, _step_m(raster), str(path))

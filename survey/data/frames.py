@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core import DataObject, FloatArray, InputError, checked, existing_file, write_text
+from survey.core.time_units import LONGEST_IMAGE_STEP_S, refuse_other_unit
 
 Image = npt.NDArray[np.uint8]
 
@@ -45,6 +46,7 @@ class Frames(DataObject):
             raise InputError(
                 f"the times of the frames do not increase after frame {first} ({times[first]:.6f} s); sort them."
             )
+        refuse_other_unit(times, "the times of the frames", LONGEST_IMAGE_STEP_S)
         object.__setattr__(self, "time_s", times)
 
     def __len__(self) -> int:

@@ -378,6 +378,12 @@ class Route(DataObject):
             raise InputError(
                 f"the route {path} lacks the columns {', '.join(sorted(missing))}; write it with firnline."
             )
+        kinds = ["no geometry" if shape is None else f"a {shape.geom_type}" for shape in features.geometry]
+        odd = next((number for number, kind in enumerate(kinds, 1) if kind != "a LineString"), None)
+        if odd is not None:
+            raise InputError(
+                f"the route {path} has {kinds[odd - 1]} as feature {odd}; a line for each leg was expected, delete it."
+            )
         axes = np.column_stack([columns[n] for n in ("axis_x0_m", "axis_y0_m", "axis_x1_m", "axis_y1_m")])
         legs = tuple(
             Leg(

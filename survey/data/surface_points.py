@@ -29,7 +29,7 @@ from survey.core import (
     same_vertical_datum,
 )
 from survey.core.crs import datum_of_file, is_local, known_crs, refuse_degrees, refuse_exchanged
-from survey.core.transformation import chosen_crs, transformed
+from survey.core.transformation import chosen_crs, metric_crs, transformed
 from survey.data.conversions import draw_points, drawing, html_table, to_geodataframe, value_range
 from survey.io.point_files import read_point_table, write_point_table
 from survey.io.point_table import PLACE, SIGMA, PointTable, ground_of, log_projection, once_each
@@ -178,6 +178,7 @@ class SurfacePoints(DataObject):
         sigma_m: float | None = None,
         vertical_datum: str | None = None,
         columns: Mapping[str, str] | None = None,
+        units: str | None = None,
     ) -> Self:
         """Read points from text tables (CSV, TXT, TSV, XYZ), vector files (GeoPackage, GeoJSON, Shapefile), LAS, LAZ or PLY.
 
@@ -205,7 +206,10 @@ class SurfacePoints(DataObject):
             For files that do not state it.
         columns : mapping of str to str, optional
             Column of a table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their
-            usual names.
+            usual names. Numbers stand for the columns at those positions.
+        units : {"m", "ft", "us-ft"}, optional
+            Unit of heights and their standard deviations where neither column, header nor CRS states it. Places and heights
+            in feet are converted to metres, and the log states it.
 
         Raises
         ------
@@ -214,8 +218,9 @@ class SurfacePoints(DataObject):
             holds NaN, is in degrees or names no CRS.
         """
         try:
-            measured = once_each(ground_of(read_point_table(path, columns), str(path)), str(path))
-            table = project_table(measured, crs, str(path))
+            read = read_point_table(path, columns, crs=crs, units=units)
+            crs = None if crs is None else metric_crs(crs, str(path)).crs
+            table = project_table(once_each(ground_of(read, str(path)), str(path)), crs, str(path))
             return cls._from_table(table, crs, sigma_m, vertical_datum)
         except InputError as error:
             message = str(error)
@@ -439,7 +444,8 @@ def uncertainty_of(
         return symmetric(columns, COVARIANCE), None
     if sigma is None and sigma_m is None:
         raise InputError(
-            f"the file states no uncertainty; add a column {SIGMA} or the six cov_*_m2, or name one sigma for all."
+            f"the file states no standard deviation of its heights; name one for all with --sigma, choose a column with --columns "
+            f"sigma_z=NAME, or add a column {SIGMA} or the six cov_*_m2."
         )
     return None, sigma if sigma is not None else sigma_m
 

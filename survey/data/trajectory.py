@@ -9,6 +9,7 @@ import shapely
 from pyproj import CRS
 
 from survey.core import DataObject, FloatArray, InputError, checked, projected_crs
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.data.conversions import draw_lines, drawing, html_table, to_geodataframe
 from survey.data.path_error import PathError
 from survey.io.tables import read_table, write_table
@@ -65,6 +66,7 @@ class Trajectory(DataObject):
             raise InputError(
                 f"the times of the trajectory do not increase after pose {first} ({time_s[first]:.3f} s); sort them or remove repeats."
             )
+        refuse_other_unit(time_s, "the times of the trajectory", LONGEST_STEP_S)
         quaternion = checked(self.quaternion, (n, 4), "the orientations of the trajectory")
         if (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 1e-3).any():
             raise InputError(

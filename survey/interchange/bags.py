@@ -1,7 +1,5 @@
 """ROS 1 and ROS 2 bags, read without ROS, and their point clouds (``sensor_msgs/msg/PointCloud2``)."""
 
-import sqlite3
-import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from survey.core import FloatArray, InputError, first_line
+from survey.core import FloatArray, InputError, refusing_damage
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -19,22 +17,17 @@ if TYPE_CHECKING:
 def open_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
     """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag1 import ReaderError as FirstReaderError
-        from rosbags.rosbag2 import ReaderError as SecondReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise InputError(
             f"{place} is a bag, and reading it needs rosbags; install firnline[bags]."
         ) from error
-    damage = (AnyReaderError, FirstReaderError, SecondReaderError, sqlite3.Error, struct.error, OSError)
-    try:
-        with AnyReader(list(files) or [place], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            yield reader
-    except damage as error:
-        raise InputError(
-            f"{place} is damaged or no bag ({first_line(error)}); record or copy it again."
-        ) from error
+    with (
+        refusing_damage(str(place), "bag", "record or copy it again"),
+        AnyReader(list(files) or [place], default_typestore=get_typestore(Stores.LATEST)) as reader,
+    ):
+        yield reader
 
 
 _CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -5,6 +5,7 @@ writes it. Routes are converted by `survey.interchange.route_formats`.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core import InputError, agreed_crs, existing_file, projected_crs
 from survey.core.crs import datum_of_file
-from survey.core.transformation import chosen_crs
+from survey.core.transformation import chosen_crs, metric_crs
 from survey.data.area import SurveyArea
 from survey.data.surface_points import project_table
 from survey.data.trajectory import Trajectory
@@ -28,30 +29,45 @@ _TRACKS = (".gpx", ".gpkg")
 FileKind = Literal["raster", "points", "track", "area"]
 
 
-def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = None) -> None:
-    """Write what a file holds in the format that the other's ending names."""
+def convert(
+    source: str | Path,
+    out: str | Path,
+    kind: FileKind,
+    *,
+    crs: Any = None,
+    units: str | None = None,
+    select: Sequence[str] = (),
+) -> None:
+    """Write what a file holds in the format that the other's ending names; feet become metres.
+
+    `select`: which outlines of an area.
+    """
     if kind == "raster":
-        _raster(source, out, crs)
+        _raster(source, out, crs, units)
     elif kind == "points":
-        table = project_table(read_point_table(source), crs, str(source))
+        read = read_point_table(source, crs=crs, units=units)
+        crs = None if crs is None else metric_crs(crs, str(source)).crs
+        table = project_table(read, crs, str(source))
         datum = datum_of_file(table.vertical_datum, crs, str(source))
         write_point_table(out, table._replace(crs=_one(table.crs, crs, source), vertical_datum=datum))
     elif kind == "area":
-        SurveyArea.read(source, crs=crs).write(out)
+        SurveyArea.read(source, crs=crs, select=select).write(out)
     elif Path(source).suffix.lower() in _TRACKS:
         _places(source, Path(out), crs)
     else:
         _track(Trajectory.read(source, projected_crs(crs, str(source))), Path(out))
 
 
-def _raster(source: str | Path, out: str | Path, crs: Any) -> None:
+def _raster(source: str | Path, out: str | Path, crs: Any, units: str | None) -> None:
     header = raster_header(source)
     if math.prod(header.shape) > LARGEST_CELLS:
-        convert_in_windows(source, out, projected_crs(_one(header.crs, crs, source), str(source)))
+        convert_in_windows(source, out, projected_crs(_one(header.crs, crs, source), str(source)), units)
         return
-    first = read_raster(source)
+    first = read_raster(source, units=units)
     names = band_names(source)
-    bands = [first.values] + [read_raster(source, band=k).values for k in range(2, band_count(source) + 1)]
+    bands = [first.values] + [
+        read_raster(source, band=k, units=units).values for k in range(2, band_count(source) + 1)
+    ]
     system = _one(first.crs, crs, source)
     datum = datum_of_file(first.vertical_datum, crs, str(source))
     write_raster(out, dict(zip(names, bands, strict=True)), first.transform, system, datum)
@@ -98,7 +114,7 @@ ContentKind = Literal["raster", "route", "points", "track", "area"]
 _RASTERS = (".tif", ".tiff", ".asc", ".nc")
 _CLOUDS = (".las", ".laz", ".ply")
 # Endings of routes whose files may hold something else.
-_SHARED = (".csv", ".geojson", ".gpkg", ".json", ".kml")
+_SHARED = (".csv", ".geojson", ".gpkg", ".json", ".kml", ".kmz")
 _TRACK = {"time_s", "x_m", "y_m", "z_m", "qw", "var_xx_m2"}
 _ROUTE = {"leg", "kind", "rover", "easting_m", "northing_m"}
 

@@ -1,19 +1,19 @@
 """Autopilot missions: QGroundControl's plan file and the plain-text mission ``QGC WPL 110``.
 
 `Surroundings` holds what an exported route takes along: area, terrain, autopilot, speed and the return to launch. The area
-becomes the fence, a margin outside its outline. Formats: docs.qgroundcontrol.com, "Plan File Format"; mavlink.io,
-"File Formats". A mission holds one vehicle.
+becomes the fence. `mission_of` makes the mission of a route for files and for the link, and compares its path with its own
+fence. Formats: docs.qgroundcontrol.com, "Plan File Format"; mavlink.io, "File Formats". A mission holds one vehicle.
 """
 
 import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from shapely import LineString, Polygon
+from shapely import LineString
 
 from survey.core import FloatArray, InputError, same_crs, write_text
 from survey.core.crs import ELLIPSOIDAL
@@ -21,14 +21,21 @@ from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
+from survey.interchange.fences import (
+    FENCE_MARGIN_M,
+    LIMITS,
+    NAMES,
+    Autopilot,
+    FencePart,
+    area_fence,
+    fence_outline,
+    no_go_ground,
+    require_clear,
+    require_inside,
+)
 from survey.io.vector import require_transformation
 
-FENCE_MARGIN_M = 10.0
-"""Distance of the fence of an autopilot from the outline of the area, to its outside [m]."""
-_SIMPLIFIED_M = 1.0
 _logger = logging.getLogger(__name__)
-
-Autopilot = Literal["ardupilot", "px4"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,8 @@ class Surroundings:
         Speed that a mission sets [m/s]; by default none, and the plan states the mean one.
     returns : bool
         Whether a mission ends with a return to launch, straight to the start.
+    most_corners : int, optional
+        Corners of a fence that the board holds; by default those of the autopilot.
 
     Raises
     ------
@@ -59,11 +68,12 @@ class Surroundings:
     autopilot: Autopilot = "px4"
     speed_m_s: float | None = None
     returns: bool = False
+    most_corners: int | None = None
 
     def __post_init__(self) -> None:
         if self.speed_m_s is not None and not 0.0 < self.speed_m_s < 100.0:
             raise InputError(
-                f"the speed is {self.speed_m_s:g} m/s; a number above 0 and below 100 was expected."
+                f"the speed is {self.speed_m_s:g} m/s; above 0 and below 100 was expected, correct --speed."
             )
 
     def check(self, route: Route) -> None:
@@ -77,14 +87,15 @@ class Surroundings:
         Raises
         ------
         InputError
-            Another CRS; a route that leaves the fence; a return that leaves the area or crosses no-go ground.
+            Another CRS; a route that leaves the area by more than the margin of its fence or crosses no-go ground;
+            a return that leaves the area or crosses no-go ground.
         """
         if self.terrain is not None:
             same_crs(route.crs, self.terrain.crs, "the route and the terrain")
         if self.area is None:
             return
         self.area.require_crs(route.crs, "the route")
-        fence = fence_outline(self.area)
+        fence, no_go = fence_outline(self.area), shapely.union_all(no_go_ground(self.area))
         for rover in range(route.n_rovers):
             path = route.path(rover)
             outside = LineString(path).difference(fence).length
@@ -93,6 +104,7 @@ class Surroundings:
                     f"{outside:.0f} m of the route of rover {rover + 1} lie more than {FENCE_MARGIN_M:g} m outside the area; "
                     "name the area that it was planned for."
                 )
+            require_clear(path, no_go, route.crs, f"the route of rover {rover + 1} lie in no-go ground")
             if self.returns and not self.area.free.buffer(0.01).covers(LineString(path[[-1, 0]])):
                 raise InputError(
                     f"the straight way back of rover {rover + 1} leaves the area or crosses no-go ground; plan it with "
@@ -128,32 +140,9 @@ class Surroundings:
         if not np.isfinite(heights).all():
             x, y = xy[np.flatnonzero(~np.isfinite(heights))[0]]
             raise InputError(
-                f"the terrain has no height at the waypoint ({x:.1f}, {y:.1f}); take a raster that covers the route."
+                f"the terrain has no height at the waypoint ({x:.1f}, {y:.1f}); name a raster that covers the route with --dem."
             )
         return heights
-
-
-def fence_outline(area: SurveyArea) -> Polygon:
-    """Return the outline within which a rover has to stay: that of the area, a margin outside, without holes.
-
-    Returns: in the CRS of the area [m].
-
-    >>> fence_outline(SurveyArea.rectangle((0.0, 0.0, 80.0, 40.0), "EPSG:32608")).bounds
-    (-10.0, -10.0, 90.0, 50.0)
-    """
-    parts = shapely.get_parts(area.polygon)
-    outline = parts[0] if len(parts) == 1 else area.polygon.convex_hull
-    grown = Polygon(outline.exterior).buffer(FENCE_MARGIN_M, join_style="mitre")
-    return Polygon(grown.simplify(_SIMPLIFIED_M).exterior)
-
-
-def no_go_outlines(area: SurveyArea) -> list[Polygon]:
-    """Return the no-go zones of an area and its holes, without holes of their own.
-
-    Returns: in the CRS of the area [m].
-    """
-    holes = [ring for part in shapely.get_parts(area.polygon) for ring in part.interiors]
-    return [Polygon(zone.exterior) for zone in area.no_go] + [Polygon(ring) for ring in holes]
 
 
 NAV_WAYPOINT = 16
@@ -162,6 +151,8 @@ _FRAME_GLOBAL, _FRAME_MISSION, _FRAME_RELATIVE_ALTITUDE = 0, 2, 3
 _GROUND_ROVER = 10
 _FIRMWARE = {"ardupilot": 3, "px4": 12}
 _GROUND_SPEED, _SAME_THROTTLE = 1, -1
+# An item of ArduPilot is the home position.
+_N_HOME = {"ardupilot": 1, "px4": 0}
 
 
 class MissionItem(NamedTuple):
@@ -172,25 +163,71 @@ class MissionItem(NamedTuple):
     params: tuple[float | None, ...]
 
 
+class Mission(NamedTuple):
+    """Commands and fence of one vehicle.
+
+    `first`: number of the first item where the mission is shown. `left_out`: what a file holds beside them. `note`: how
+    far the fence was made simpler. `home`: latitude and longitude [deg] and height [m].
+    """
+
+    items: tuple[MissionItem, ...]
+    fence: tuple[FencePart, ...] = ()
+    first: int = 1
+    left_out: tuple[str, ...] = ()
+    note: str = ""
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def mission_of(route: Route, path: Path, around: Surroundings) -> Mission:
+    """Return the mission of a route; refuse one that does not stay within its own fence.
+
+    `path`: where it is written, for messages.
+    """
+    waypoints = _waypoints(route, path)
+    fence, note = fence_of(route, path, around)
+    heights = around.heights(route.path())
+    latitude, longitude = waypoints[0].tolist()
+    home = latitude, longitude, 0.0 if heights is None else float(heights[0])
+    return Mission(tuple(_commands(waypoints, heights, around)), fence, note=note, home=home)
+
+
+def fence_of(route: Route, path: Path, around: Surroundings) -> tuple[tuple[FencePart, ...], str]:
+    """Return the fence of a route, of no more corners than the autopilot holds, and how far it was made simpler.
+
+    The path is compared with it as both are written, in degrees. `path`: where it is written, for messages.
+    """
+    if around.area is None:
+        return (), ""
+    most = around.most_corners or LIMITS[around.autopilot].fence_corners
+    fence = area_fence(around.area, route.path(), most, NAMES[around.autopilot])
+    parts = fence.parts(route.crs)
+    xy = transformed(np.round(_waypoints(route, path), 9)[:, ::-1], WGS84, route.crs, "the route")
+    require_inside(xy, parts, route.crs, f"the mission {path.name} lie")
+    return parts, fence.note
+
+
 def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
     """Write a plan file of version 1: mission, fence, speed, home position."""
-    waypoints = _waypoints(route, path)
-    heights = around.heights(route.path())
+    mission = mission_of(route, path, around)
+    _warn_of_limits(mission, path, around.autopilot)
     speed_m_s = around.speed_m_s or _mean_speed(route)
-    home = 0.0 if heights is None else float(heights[0])
+    latitude, longitude, height = mission.home
+    home = [round(latitude, 9), round(longitude, 9), round(height, 2) if height else 0]
     plan = {
         "fileType": "Plan",
-        "geoFence": {"circles": [], "polygons": fence_polygons(route, around), "version": 2},
+        "geoFence": {
+            "circles": [],
+            "polygons": [_json_polygon(part) for part in mission.fence],
+            "version": 2,
+        },
         "groundStation": "QGroundControl",
         "mission": {
             "cruiseSpeed": round(speed_m_s, 3),
             "firmwareType": _FIRMWARE[around.autopilot],
             "globalPlanAltitudeMode": 1,
             "hoverSpeed": round(speed_m_s, 3),
-            "items": [
-                _json_item(i, item) for i, item in enumerate(_commands(waypoints, heights, around), start=1)
-            ],
-            "plannedHomePosition": [*np.round(waypoints[0], 9).tolist(), round(home, 2) if home else 0],
+            "items": [_json_item(i, item) for i, item in enumerate(mission.items, start=1)],
+            "plannedHomePosition": home,
             "vehicleType": _GROUND_ROVER,
             "version": 2,
         },
@@ -202,18 +239,25 @@ def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
 
 def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
     """Write home first, as ground stations expect it, then the commands; this format holds no fence."""
-    waypoints = _waypoints(route, path)
-    heights = around.heights(route.path())
-    home = (0.0, 0.0, 0.0, 0.0, *waypoints[0], 0.0 if heights is None else float(heights[0]))
-    items = [MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, home), *_commands(waypoints, heights, around)]
+    if around.area is not None:
+        _logger.warning("%s holds no fence; write .plan to take that of the area along.", path.name)
+    mission = mission_of(route, path, replace(around, area=None))
+    _warn_of_limits(mission, path, around.autopilot)
+    items = [MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0, *mission.home)), *mission.items]
     lines = [_line(index, item) for index, item in enumerate(items)]
     write_text(path, "QGC WPL 110\n" + "".join(lines))
 
 
-def mission_items(route: Route, around: Surroundings) -> list[MissionItem]:
-    """Return the commands that a mission file of a route holds."""
-    waypoints = _waypoints(route, Path("the mission"))
-    return _commands(waypoints, around.heights(route.path()), around)
+def _warn_of_limits(mission: Mission, path: Path, autopilot: Autopilot) -> None:
+    """Say how far the fence was made simpler, and that an autopilot as its makers ship it does not hold a mission."""
+    if mission.note:
+        _logger.warning("%s: %s", path.name, mission.note)
+    n_items, most = len(mission.items) + _N_HOME[autopilot], LIMITS[autopilot].items
+    if n_items > most:
+        _logger.warning(
+            "%s has %d items, and %s holds %d by default; plan fewer or straighter swaths, or divide the route.",
+            path.name, n_items, NAMES[autopilot], most,
+        )  # fmt: skip
 
 
 def _commands(waypoints: FloatArray, heights: FloatArray | None, around: Surroundings) -> list[MissionItem]:
@@ -277,18 +321,9 @@ def _mean_speed(route: Route) -> float:
     return route.ground_length_m / time_s if time_s > 0.0 else 1.0
 
 
-def fence_polygons(route: Route, around: Surroundings) -> list[dict[str, Any]]:
-    """Return the outline of the area as inclusion and its no-go zones as exclusions.
-
-    Returns: polygons of a plan file: corners as latitude and longitude [deg].
-    """
-    if around.area is None:
-        return []
-    outlines = [(fence_outline(around.area), True)]
-    outlines += [(zone, False) for zone in no_go_outlines(around.area)]
-    fences = []
-    for outline, inclusion in outlines:
-        corners = transformed(shapely.get_coordinates(outline)[:-1], route.crs, WGS84, "the area")
-        polygon = np.round(corners[:, ::-1], 9).tolist()
-        fences.append({"inclusion": inclusion, "polygon": polygon, "version": 1})
-    return fences
+def _json_polygon(part: FencePart) -> dict[str, Any]:
+    return {
+        "inclusion": part.is_inclusion,
+        "polygon": [list(corner) for corner in part.corners],
+        "version": 1,
+    }

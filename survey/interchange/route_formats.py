@@ -17,18 +17,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from pyproj import CRS
 
-from survey.core import InputError, existing_file, projected_crs
+from survey.core import InputError, existing_file, projected_crs, refusing_damage
 from survey.core.transformation import WGS84, chosen_crs, is_geographic
 from survey.data.route import Leg, Route
-from survey.interchange.missions import Surroundings
-from survey.interchange.route_readers import IN_METRES, READERS
+from survey.interchange.missions import Surroundings, fence_of
+from survey.interchange.route_readers import IN_METRES, READERS, ReadLegs
 from survey.interchange.route_writers import WRITERS
 from survey.io.vector import read_features
 
 _WITH_CRS = (".geojson", ".gpkg", ".json")
+_logger = logging.getLogger(__name__)
 
 
 def write_plan(
@@ -53,7 +53,8 @@ def write_plan(
     ------
     InputError
         An unknown ending, a rover that the route does not have, several rovers in one
-        mission, surroundings that do not belong to the route, or a folder that cannot be written to.
+        mission, surroundings that do not belong to the route, a mission that leaves its own fence or whose
+        fence has more corners than the autopilot holds, or a folder that cannot be written to.
 
     Notes
     -----
@@ -71,15 +72,23 @@ def write_plan(
     >>> read_plan(file, crs=route.crs)
     Route(imported, 1 swath, 100 m, 1 rover, WGS 84 / UTM zone 8N)
     """
-    target = Path(path)
-    writer = WRITERS.get(target.suffix.lower())
-    if writer is None:
+    target, taken_along = Path(path), around or Surroundings()
+    part = require_writable(route, target, rover=rover, around=taken_along)
+    WRITERS[target.suffix.lower()](part, target, taken_along)
+
+
+def require_writable(route: Route, path: Path, *, rover: int | None, around: Surroundings) -> Route:
+    """Return the part of a route that `write_plan` writes; refuse what it would refuse, before anything is written."""
+    ending = path.suffix.lower()
+    if ending not in WRITERS:
         raise InputError(
-            f"{target.name} ends in {target.suffix!r}; one of {', '.join(sorted(WRITERS))} was expected."
+            f"{path.name} ends in {path.suffix!r}; one of {', '.join(sorted(WRITERS))} was expected."
         )
-    part, taken_along = part_of_rover(route, rover), around or Surroundings()
-    taken_along.check(part)
-    writer(part, target, taken_along)
+    part = part_of_rover(route, rover)
+    around.check(part)
+    if ending == ".plan":  # the file with a fence
+        fence_of(part, path, around)
+    return part
 
 
 def read_plan(path: str | Path, crs: Any = None) -> Route:
@@ -98,14 +107,15 @@ def read_plan(path: str | Path, crs: Any = None) -> Route:
     -------
     Route
         Legs with their kind and rover where the file states them, else one swath per line.
-        Other tools' survey patterns (``.plan`` complex items) are read as the waypoints
-        stored with them.
+        Places of missions are those of all commands that lead to one, in driving order: waypoints, splines, loiters,
+        take-offs, landings, and those stored with survey patterns. The log names what is left out.
 
     Raises
     ------
     InputError
         Missing, damaged or of an unknown format, or without a line of two waypoints; a ``.csv`` or ``.wkt``,
-        whose coordinates are metres, without a CRS.
+        whose coordinates are metres, without a CRS; a mission with jumps, with patterns that are stored without their
+        places, or with the place 0, 0, which stands for the place of the vehicle.
 
     Examples
     --------
@@ -121,7 +131,10 @@ def read_plan(path: str | Path, crs: Any = None) -> Route:
             f"{file.name} ends in {file.suffix!r}; one of {', '.join(sorted(READERS))} was expected."
         )
     target = _own_crs(file) if crs is None else projected_crs(crs, "the wanted CRS")
-    return Route(_legs(file, target), target, "imported")
+    legs, left_out = _content(file, target)
+    for note in left_out:
+        _logger.warning("the plan %s: %s.", file, note)
+    return Route(tuple(legs), target, "imported")
 
 
 def _own_crs(file: Path) -> CRS:
@@ -131,34 +144,20 @@ def _own_crs(file: Path) -> CRS:
     stated = read_features(file, what="the plan").crs if file.suffix.lower() in _WITH_CRS else None
     if stated is not None and not is_geographic(stated):
         return projected_crs(stated, f"the plan {file}")
-    places = np.vstack([leg.xy for leg in _legs(file, WGS84)])
+    places = np.vstack([leg.xy for leg in _content(file, WGS84).legs])
     zone = chosen_crs(places[:, 0], places[:, 1])
-    logging.getLogger(__name__).warning(
-        "the plan %s is read in degrees and projected to %s.", file, zone.name
-    )
+    _logger.warning("the plan %s is read in degrees and projected to %s.", file, zone.name)
     return zone
 
 
-def _legs(file: Path, crs: CRS) -> tuple[Leg, ...]:
-    """Return the legs of a plan in a CRS, at least one."""
-    try:
-        legs = READERS[file.suffix.lower()](file, crs)
-    except InputError:
-        raise
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        UnicodeDecodeError,
-        shapely.errors.GEOSException,
-    ) as error:
-        raise InputError(
-            f"the plan {file} is damaged or not of the format of its ending ({error}); get it again."
-        ) from error
-    if not legs:
-        raise InputError(f"the plan {file} holds no line of two waypoints; plan at least one leg.")
-    return tuple(legs)
+def _content(file: Path, crs: CRS) -> ReadLegs:
+    """Return the legs of a plan in a CRS, at least one, and what was left out."""
+    with refusing_damage(f"the plan {file}", "plan of the format of its suffix"):
+        content = READERS[file.suffix.lower()](file, crs)
+    if not content.legs:
+        beside = f" ({'; '.join(content.left_out)})" if content.left_out else ""
+        raise InputError(f"the plan {file} holds no line of two waypoints{beside}; plan at least one leg.")
+    return content
 
 
 def part_of_rover(route: Route, rover: int | None) -> Route:

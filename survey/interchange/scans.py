@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core import UNSTATED, FloatArray, InputError, checked, existing_file, same_vertical_datum
 from survey.core.crs import datum_of_file, vertical_datum_of
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
+from survey.core.transformation import metric_crs
 from survey.data.sensors.lidar import LidarScans, SensorScan, is_lidar_folder
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.bags import bag_clouds
@@ -74,7 +76,12 @@ def scan_files(sources: Sequence[str | Path]) -> list[Path]:
 
 
 def read_scans(
-    files: Sequence[Path], *, crs: Any, sigma_m: float | None, track: SensorPath | None = None
+    files: Sequence[Path],
+    *,
+    crs: Any,
+    sigma_m: float | None,
+    track: SensorPath | None = None,
+    units: str | None = None,
 ) -> Iterator[SurfacePoints]:
     """Read scans one after the other.
 
@@ -84,17 +91,20 @@ def read_scans(
     recording and KITTI scans are in the sensor's frame and need the trajectory's attitude too. The
     time of a KITTI scan is described at `survey.interchange.scans.kitti_time_s`.
 
-    `sigma_m`: standard deviation of heights [m] for files that state none.
+    `sigma_m`: standard deviation of heights [m] for files that state none. `units`: unit of heights of LAS, LAZ and PLY
+    files that state none; the others are in metres.
     """
     datum = UNSTATED
     for file in files:
-        for scan in _read(file, crs, sigma_m, track):
+        for scan in _read(file, crs, sigma_m, track, units):
             same_vertical_datum(datum, scan.vertical_datum, f"{file} and the scans before it")
             datum = datum or scan.vertical_datum
             yield scan
 
 
-def _read(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None) -> Iterator[SurfacePoints]:
+def _read(
+    file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None, units: str | None
+) -> Iterator[SurfacePoints]:
     """Read the scans of one file."""
     suffix = file.suffix.lower()
     if suffix in _BAGS:
@@ -104,7 +114,7 @@ def _read(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None)
     elif suffix in _KITTI:
         yield _read_kitti(file, crs, sigma_m, track)
     else:
-        yield _read_table(file, crs, sigma_m, track)
+        yield _read_table(file, crs, sigma_m, track, units)
 
 
 def _read_npz(path: Path, crs: Any, sigma_m: float | None) -> SurfacePoints:
@@ -118,10 +128,13 @@ def _read_npz(path: Path, crs: Any, sigma_m: float | None) -> SurfacePoints:
     return _points(file, xyz, origins, arrays.get("sigma_m", sigma_m), crs)
 
 
-def _read_table(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None) -> SurfacePoints:
+def _read_table(
+    file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None, units: str | None
+) -> SurfacePoints:
     if track is None:
-        return SurfacePoints.read(file, crs=crs, sigma_m=sigma_m)
-    table = read_point_table(file)
+        return SurfacePoints.read(file, crs=crs, sigma_m=sigma_m, units=units)
+    table = read_point_table(file, crs=crs, units=units)
+    crs = None if crs is None else metric_crs(crs, f"the scan {file}").crs
     columns = table.columns
     time = next((columns[name] for name in _TIMES if name in columns), None)
     if time is None:
@@ -319,9 +332,11 @@ def _times_s(path: Path) -> FloatArray:
         if path.name == _DATES:
             since = np.array(lines, dtype="datetime64[ns]").astype(np.int64)
             return np.asarray(1e-9 * since, dtype=np.float64)
-        return np.array([float(line) for line in lines])
+        times_s = np.array([float(line) for line in lines])
     except ValueError as error:
         expected = "one date and time" if path.name == _DATES else "one number"
         raise InputError(
             f"{path} holds something that is no time ({error}); {expected} in each line was expected."
         ) from error
+    refuse_other_unit(times_s, f"the times in {path}", LONGEST_STEP_S)
+    return times_s

@@ -42,7 +42,9 @@ def write_euroc(recording: Recording, folder: Path, reference: Trajectory | None
     Kalibr does; wheels, GPS and barometer have no place in that layout.
     """
     if recording.frames is None or recording.camera is None:
-        raise InputError("the recording has no images; EuRoC's layout is for drives with a camera.")
+        raise InputError(
+            "the recording has no images, for which EuRoC's layout is; write another format, or name the recording of a drive with a camera folder."
+        )
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} exists and is not empty; choose another folder.")
     _write_camera(recording.camera, recording.frames, folder / "mav0" / "cam0")

@@ -16,7 +16,15 @@ from typing import IO, Any
 
 import numpy as np
 
-from survey.core import CapacityError, InputError, existing_file, first_line, write_bytes
+from survey.core import (
+    CapacityError,
+    InputError,
+    existing_file,
+    first_line,
+    parse_json,
+    refusing_damage,
+    write_bytes,
+)
 
 LARGEST_BYTES = 2**31
 """Largest arrays of one file: 2.1 GB in memory."""
@@ -51,14 +59,10 @@ def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
 
 def load_npz(file: Path, what: str, remedy: str) -> dict[str, Any]:
     """Read the arrays of any ``.npz`` file; nothing is unpickled, and claims are checked before memory is taken."""
-    try:
+    with refusing_damage(str(file), what.removeprefix("the "), remedy):
         _check_claims(file, what)
         with np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except InputError:
-        raise
-    except Exception as error:  # a damaged archive fails in zipfile, zlib, struct, the header's parser, …
-        raise InputError(f"{file} is damaged or not {what} ({first_line(error)}); {remedy}.") from error
 
 
 def _check_claims(file: Path, what: str) -> None:
@@ -99,10 +103,12 @@ def read_arrays(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, 
     """Return the facts and arrays that `write_arrays` wrote."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
-        facts: dict[str, Any] = json.loads(arrays.pop("facts").tobytes().decode("utf-8"))
+        facts: dict[str, Any] = parse_json(arrays.pop("facts").tobytes(), "its text")
         found = facts.pop("format")
     except (ValueError, KeyError, AttributeError) as error:
-        raise InputError(f"{path} is no terrain model ({first_line(error)}); save it again.") from error
+        raise InputError(
+            f"{path} is no terrain model ({first_line(error.__cause__ or error)}); save it again."
+        ) from error
     if found != kind:
         raise InputError(f"{path} has the format {found!r}; {kind!r} was expected.")
     return facts, arrays

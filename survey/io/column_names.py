@@ -1,8 +1,8 @@
 """Column names of survey tables: usual spellings, units in brackets, and mappings that a user names.
 
 Readers of points and of time series share `SPELLINGS`, so that a spelling is added in one place. Names are compared in
-lower case, with one underscore for anything that is neither letter nor digit. Columns in millimetres and centimetres are
-converted; a table with a place in feet alone is refused.
+lower case, with one underscore for anything that is neither letter nor digit, and without a unit of length at their end,
+which the readers convert by. Of columns that mean the same, those in feet count only where there is no other.
 """
 
 import logging
@@ -11,7 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, get_args
 
 from survey.core import UNSTATED, ConfigError, InputError, printable
-from survey.core.crs import ELLIPSOIDAL
+from survey.core.crs import ELLIPSOIDAL, known_datum
+from survey.core.lengths import FOOT_M, US_SURVEY_FOOT_M, metres_in
+from survey.core.time_units import without_time_unit
 from survey.io.text_tables import Axis
 
 SPELLINGS: Mapping[str, tuple[str, ...]] = {
@@ -39,7 +41,9 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "z_elevation", "orthometric_height", "orthometric_height_m", "ortho_height", "ellipsoidal_height",
         "ellipsoidal_height_m", "ellipsoid_height", "ellip_height", "ell_height", "msl_height",
         "gps_altitude", "altitudemeters", "höhe", "hoehe", "altura", "cota", "høyde", "höjd", "quota",
-        "hauteur", "ortho_elevation",
+        "hauteur", "ortho_elevation", "rl", "reduced_level", "ht", "ortho_ht", "orthometric_ht", "ellip_ht",
+        "ellipsoid_ht", "ellipsoidal_ht", "ell_ht", "elv", "ground_elevation", "msl_elevation", "msl",
+        "navd88_height", "navd88_elevation", "navd88_elev", "navd88",
     ),
     "sigma_z": (
         "sigma_z_m", "sigma_z", "sigma_u", "sigma_up", "sigma_v", "sdv", "sdv_m", "sdz", "sdz_m", "sdu",
@@ -61,7 +65,7 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "map_y": ("map_y_m", "map_y", "map_northing", "map_north", "map_n"),
     "name": (
         "name", "point", "point_id", "pointid", "point_name", "point_number", "pt", "pt_id", "ptid", "id",
-        "station", "punkt", "punktnummer", "punktnr", "punto", "nombre",
+        "station", "pnt", "pt_no", "point_no", "punkt", "punktnummer", "punktnr", "punto", "nombre",
     ),
     "vegetated": ("vegetated",),
     "control": ("control",),
@@ -69,8 +73,7 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "time": (
         "time_s", "time", "t", "t_s", "timestamp", "timestamp_s", "time_stamp", "seconds", "elapsed_s",
         "utc_s", "unix_s", "unix_time", "epoch_s", "gps_time_s", "utc", "utc_time", "time_utc", "datetime",
-        "date_time", "datetime_utc", "iso_time", "gps_time", "time_ms", "timestamp_ms", "unix_ms",
-        "unix_time_ms", "unixtimemillis", "uhrzeit", "zeit", "datum_uhrzeit",
+        "date_time", "datetime_utc", "iso_time", "gps_time", "unix", "unixtime", "unixtimemillis", "epoch", "uhrzeit", "zeit", "datum_uhrzeit",
     ),
 }  # fmt: skip
 """Normalized names of columns by what they hold; `spelled` shows how a header is compared with them."""
@@ -83,9 +86,17 @@ OWN_NAMES: Mapping[str, str] = {
 """Keys of a column mapping (``--columns x=Easting``), with the name that each column takes."""
 
 
-_FACTORS = {"mm": 1e-3, "cm": 1e-2}
-_METRES = re.compile(r"_(m|met(er|re)s?)$")
-_FEET = re.compile(r"_((us|survey|international|intl)_?)*(s?ft|ift|ftus|ft_us|feet|foot)$")
+_FEET = (FOOT_M, US_SURVEY_FOOT_M)
+_LETTERS = {
+    "p": "name",
+    "n": "y_m",
+    "y": "y_m",
+    "e": "x_m",
+    "x": "x_m",
+    "z": "z_m",
+    "s": "sigma_z_m",
+    "d": "",
+}
 
 
 def normalize(name: str) -> str:
@@ -97,13 +108,17 @@ def normalize(name: str) -> str:
     return re.sub(r"[\W_]+", "_", name.strip().lower()).strip("_")
 
 
-def parse_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) -> dict[str, str]:
-    """Read a mapping such as ``x=Easting,y=Northing`` from the command line.
+def parse_columns(
+    texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES, layout: str | None = None
+) -> dict[str, str]:
+    """Read a mapping such as ``x=Easting,y=Northing`` from the command line, and the order of columns that ``--format`` names.
 
     >>> parse_columns(["x=Easting,y=Northing", "sigma_z=SDV"])
     {'x_m': 'Easting', 'y_m': 'Northing', 'sigma_z_m': 'SDV'}
+    >>> parse_columns(["sigma_z=6"], layout="pnezd")
+    {'name': '1', 'y_m': '2', 'x_m': '3', 'z_m': '4', 'sigma_z_m': '6'}
     """
-    found: dict[str, str] = {}
+    found = {} if layout is None else _positions(layout)
     for pair in (pair for text in texts for pair in text.split(",") if pair.strip()):
         key, equals, column = (part.strip() for part in pair.partition("="))
         own = keys.get(key, key)
@@ -119,14 +134,48 @@ def parse_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) -> 
     return found
 
 
+def _positions(layout: str) -> dict[str, str]:
+    """Return own names with the number of the column that each letter of an order such as ``pnezd`` stands for."""
+    found = {_LETTERS.get(letter): str(k) for k, letter in enumerate(layout.lower(), start=1)}
+    if None in found or not {"x_m", "y_m", "z_m"} <= set(found) or len(found) < len(layout):
+        raise ConfigError(
+            f"--format is {layout[:20]!r}; the order of the columns was expected, such as pnezd, penz or xyz (p point, n northing, "
+            "e easting, z height, d description, s standard deviation)."
+        )
+    return {own: place for own, place in found.items() if own}
+
+
+def at_positions(given: Mapping[str, str], header: Sequence[str]) -> dict[str, str]:
+    """Return a mapping of columns in which numbers that are no names stand for the columns at those positions.
+
+    >>> at_positions({"z_m": "3"}, ["E", "N", "H"])
+    {'z_m': 'H'}
+    """
+    return {own: header[int(name) - 1] if _is_position(name, header) else name for own, name in given.items()}
+
+
+def last_position(given: Mapping[str, str]) -> int:
+    """Return the number of the last column that a mapping names by its position alone; 0 where it names any otherwise.
+
+    >>> last_position({"x_m": "2", "y_m": "3", "z_m": "4"}), last_position({"z_m": "H"})
+    (4, 0)
+    """
+    are_numbers = {"x_m", "y_m", "z_m"} <= set(given) and all(name.isdecimal() for name in given.values())
+    return max(map(int, given.values())) if are_numbers else 0
+
+
+def _is_position(name: str, header: Sequence[str]) -> bool:
+    return name not in header and name.isdecimal() and 1 <= int(name) <= len(header)
+
+
 def spelled(name: str, kind: str) -> bool:
     """Return whether the name of a column is a usual one for a kind of value; a unit of length does not matter.
 
     >>> spelled("Easting (Meter)", "easting"), spelled("VRMS(mm)", "sigma_z"), spelled("Elevation (ft)", "height")
-    (True, True, False)
+    (True, True, True)
     """
-    plain = normalize(without_unit(name))
-    return plain in SPELLINGS[kind] or without_metres(plain) in SPELLINGS[kind]
+    bare = without_time_unit(normalize(name)) if kind == "time" else without_length(name)
+    return normalize(name) in SPELLINGS[kind] or bare in SPELLINGS[kind]
 
 
 def axis_of(name: str) -> Axis | None:
@@ -138,13 +187,41 @@ def axis_of(name: str) -> Axis | None:
     return next((axis for axis in get_args(Axis) if spelled(name, axis)), None)
 
 
-def without_metres(plain: str) -> str:
-    """Drop a unit of metres from a normalized name.
+def without_length(name: str) -> str:
+    """Return the normalized name of a column without a unit of length at its end.
 
-    >>> without_metres("easting_meter"), without_metres("h_m"), without_metres("m")
-    ('easting', 'h', 'm')
+    >>> without_length("Easting [Meter]"), without_length("Elev US survey ft"), without_length("SDV (mm)"), without_length("m")
+    ('easting', 'elev', 'sdv', 'm')
     """
-    return _METRES.sub("", plain)
+    plain = normalize(name)
+    unit = _unit_in(plain)
+    return plain if unit is None else plain.removesuffix(f"_{unit}")
+
+
+def stated_length(name: str) -> float | None:
+    """Return the metres of the unit of length at the end of a column's name; None where it names none.
+
+    >>> stated_length("SDV (mm)"), stated_length("Elevation (ft)"), stated_length("z_m"), stated_length("Elevation")
+    (0.001, 0.3048, 1.0, None)
+    """
+    unit = _unit_in(normalize(name))
+    return None if unit is None else metres_in(unit)
+
+
+def _unit_in(plain: str) -> str | None:
+    """Return the longest part at the end of a normalized name that is a unit of length."""
+    parts = plain.split("_")
+    ends = ("_".join(parts[k:]) for k in range(1, len(parts)))
+    return next((end for end in ends if metres_in(end) is not None), None)
+
+
+def metres_first(names: Sequence[str]) -> list[str]:
+    """Return the columns that are not in feet, or all where there is no other.
+
+    >>> metres_first(["Elevation (ft)", "Elevation (m)"]), metres_first(["Elevation (ft)"])
+    (['Elevation (m)'], ['Elevation (ft)'])
+    """
+    return [name for name in names if stated_length(name) not in _FEET] or list(names)
 
 
 class ColumnNames(NamedTuple):
@@ -180,9 +257,6 @@ def rename_header(header: Sequence[str], given: Mapping[str, str], where: str) -
         raise InputError(
             f"{where} has no column {missing!r} (found {printable(', '.join(header))[:200]}); name one of those."
         )
-    for key, name in given.items():
-        if key.endswith("_m") and _FEET.search(normalize(name)):
-            raise InputError(_in_feet(name, where))
     own = {name: key for key, name in given.items()}
     return [own.get(name, f"({name})" if name in given else name) for name in header]
 
@@ -194,7 +268,7 @@ def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
     'SDV'
     """
     own = SPELLINGS[kind][0]
-    found = [name for name in header if spelled(name, kind)]
+    found = metres_first([name for name in header if spelled(name, kind)])
     if own in found or len(found) < 2:
         return own if own in found else next(iter(found), None)
     key = next((short for short, long in OWN_NAMES.items() if long == own), kind)
@@ -206,46 +280,21 @@ def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
 def datum_of_column(name: str) -> str:
     """Return the vertical datum that the name of a column of heights states, ``""`` for none.
 
-    >>> datum_of_column("Ellipsoidal height"), datum_of_column("Elevation")
-    ('ellipsoidal height', '')
+    >>> datum_of_column("Ellipsoidal height"), datum_of_column("NAVD88 elev (ft)"), datum_of_column("Elevation")
+    ('ellipsoidal height', 'NAVD88 height', '')
     """
-    return ELLIPSOIDAL if re.search(r"(^|_)ell(ip|_)", normalize(name)) else UNSTATED
-
-
-def without_unit(name: str) -> str:
-    """Drop a unit of millimetres or centimetres in brackets from the name of a column.
-
-    >>> without_unit("SDV (mm)"), without_unit("SDV [m]")
-    ('SDV', 'SDV [m]')
-    """
-    return re.sub(r"\s*[\[(](mm|cm)[\])]\s*$", "", name)
+    if re.search(r"(^|_)ell(ip|_)", normalize(name)):
+        return ELLIPSOIDAL
+    return known_datum(name) or UNSTATED
 
 
 def metres_factor(name: str) -> float:
     """Return the factor to metres that the unit in the name of a column asks for.
 
-    >>> metres_factor("SDV (mm)"), metres_factor("Elevation [m]")
-    (0.001, 1.0)
+    >>> metres_factor("SDV (mm)"), metres_factor("Elevation [m]"), metres_factor("Elevation")
+    (0.001, 1.0, 1.0)
     """
-    unit = re.search(r"[\[(](mm|cm)[\])]\s*$", name)
-    return _FACTORS[unit.group(1)] if unit else 1.0
-
-
-def refuse_feet(header: Sequence[str], where: str) -> None:
-    """Refuse a table that gives a place or its standard deviation in feet alone."""
-    found = [normalize(name) for name in header]
-    for kind in ("easting", "northing", "height", "sigma_z"):
-        feet = [name for name, plain in zip(header, found, strict=True) if _is_feet(plain, kind)]
-        if feet and not any(spelled(name, kind) for name in header):
-            raise InputError(_in_feet(feet[0], where))
-
-
-def _in_feet(name: str, where: str) -> str:
-    return f"{where}: the column {name} is in feet; convert it to metres (US survey or international feet) and rename it."
-
-
-def _is_feet(plain: str, kind: str) -> bool:
-    return bool(_FEET.search(plain)) and _FEET.sub("", plain) in SPELLINGS[kind]
+    return stated_length(name) or 1.0
 
 
 def log_columns(where: str, names: ColumnNames) -> None:

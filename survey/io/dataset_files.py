@@ -40,7 +40,7 @@ _ATTRIBUTES = {name.lower(): name for name in ("subClass", "relativeToVRT", "key
 def raster_sources(path: str | Path) -> list[Path]:
     """List the files that a virtual raster is made of, through virtual rasters among them."""
     found: set[Path] = set()
-    _collect(existing_file(path, "the virtual raster"), found, 0)
+    _collect((existing_file(path, "the virtual raster"),), found)
     return sorted(found)
 
 
@@ -112,17 +112,23 @@ def _source_span(
     return begin, math.ceil(taken[0] + (high - placed[0]) * ratio) + 1 - begin
 
 
-def _collect(file: Path, found: set[Path], depth: int) -> None:
-    if depth > _DEEPEST:
+def _collect(chain: tuple[Path, ...], found: set[Path]) -> None:
+    """Collect the sources of the last of some virtual rasters, each of which is a source of the one before."""
+    file = chain[-1]
+    if len(chain) > _DEEPEST + 1:
         raise InputError(
             f"{file} is a virtual raster of virtual rasters more than {_DEEPEST} levels deep; convert one of them to GeoTIFF (gdal_translate)."
         )
     for source in _named_sources(file):
+        if any(source.samefile(one) for one in chain):
+            raise InputError(
+                f"{file} names {source.name} as a source, which is made of {file.name} itself; make it again of rasters (gdalbuildvrt)."
+            )
         if source in found:
             continue
         found.add(source)
         if source.suffix.lower() == ".vrt":
-            _collect(source, found, depth + 1)
+            _collect((*chain, source), found)
 
 
 def _named_sources(file: Path) -> list[Path]:

@@ -2,7 +2,7 @@
 
 GDAL recognises a file by its content, and many of its formats name other files or addresses. A file is opened by the
 driver of its suffix; nothing that a data file names is opened but plain files beside it, and no address at all.
-JSON and XML are checked for size, CRS and entities; KMZ is unpacked as Google Earth does it; every number of an Esri
+JSON and XML are checked for size, CRS, entities and what GDAL would leave out of them; KMZ is unpacked; every number of an Esri
 ASCII grid is checked, because GDAL reads letters and missing numbers as 0.
 """
 
@@ -13,14 +13,15 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
 
-from survey.core import CapacityError, FloatArray, InputError, first_line
+from survey.core import CapacityError, FloatArray, InputError, first_line, printable
 from survey.core.crs import known_crs
 from survey.io.dataset_files import files_beside, raster_sources
 
@@ -84,8 +85,11 @@ def check_raster_file(file: Path, *, as_source: bool = False) -> None:
         _check_companion(other)
 
 
-def check_vector_file(file: Path, what: str) -> None:
-    """Refuse a vector file whose content is not of the format of its suffix, or which names an address."""
+def check_vector_file(file: Path, what: str) -> int:
+    """Refuse a vector file whose content is not of the format of its suffix, or which names an address.
+
+    Returns the number of features that GeoJSON holds; 0 for other formats.
+    """
     suffix = file.suffix.lower()
     if suffix not in VECTOR_SUFFIXES:
         raise InputError(
@@ -94,10 +98,10 @@ def check_vector_file(file: Path, what: str) -> None:
         )
     _check_content(file, what)
     if suffix in (".geojson", ".json"):
-        check_json(file, what)
-    elif suffix in ROOTS:
-        content = kml_document(file, what) if suffix == ".kmz" else small_text(file, what)
-        check_xml(content, ROOTS[suffix], f"{what} {file}")
+        return check_json(file, what)
+    if suffix == ".gpx":
+        check_xml(small_text(file, what), "gpx", f"{what} {file}")
+    return 0
 
 
 def _check_content(file: Path, what: str = "the raster") -> None:
@@ -141,10 +145,6 @@ def _check_companion(file: Path) -> None:
 
 LARGEST_TEXT_BYTES = 256 * 2**20
 """JSON and XML files beyond this are not read: while they are parsed they take some ten times their size."""
-ROOTS = {".kml": "kml", ".kmz": "kml", ".gpx": "gpx"}
-_PLAIN_CRS = re.compile(
-    rb'"crs"\s*:\s*\{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*\{\s*"name"\s*:\s*"([^"\\]*)"\s*\}\s*\}'
-)
 _CRS_MEMBERS = frozenset({"type", "properties", "name", "href", "url", "link"})
 
 
@@ -158,42 +158,54 @@ def small_text(file: Path, what: str) -> bytes:
     return file.read_bytes()
 
 
-def check_json(file: Path, what: str) -> None:
-    """Refuse GeoJSON with a CRS that is a link, which GDAL would follow, or an unknown name, which it would ignore."""
+def check_json(file: Path, what: str) -> int:
+    """Refuse GeoJSON with a CRS that is a link, which GDAL would follow, or an unknown name, which it would ignore.
+
+    A key that an object has twice is refused too: GDAL takes one of its values. Returns the number of features.
+    """
     content = small_text(file, what)
     if b"gdal_streamed_alg" in content:
         raise InputError(
             f"{what} {file} holds a GDAL pipeline; run it first and name the file that it writes."
         )
-    if b'"crs"' not in content and b"\\u" not in content:  # other spellings of the key need an escape
-        return
     where = f"{what} {file}"
-    plain = _PLAIN_CRS.findall(content)
-    if len(plain) == content.count(b'"crs"') and b"\\u" not in content:
-        for name in set(plain):
-            _check_crs_name(name.decode("utf-8", "replace"), where)
-        return
     try:
-        inner, outer = _crs_members(content)
+        inner, outer, n_features = _crs_members(content, where)
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where} is damaged or no JSON ({first_line(error)}); get it again.") from error
     # A property of a feature may be called crs as well: there only what GDAL could follow is looked at.
     for crs in [*(crs for crs in inner if isinstance(crs, dict)), *outer]:
         if crs is not None:
             _check_named_crs(crs, where)
+    return n_features
 
 
-def _crs_members(content: bytes) -> tuple[list[Any], list[Any]]:
-    """Return all values of keys ``crs`` in a JSON text: those of inner objects, and of the outermost one."""
+def _crs_members(content: bytes, where: str) -> tuple[list[Any], list[Any], int]:
+    """Return all values of keys ``crs`` in a JSON text, of inner objects and of the outermost one, and the number of features."""
     found: list[list[Any]] = []
+    n_features = 0
 
     def collect(members: list[tuple[str, Any]]) -> Any:
-        found.append([value for key, value in members if key == "crs"])
+        nonlocal n_features
+        values = dict(members)
+        if len(values) < len(members):
+            keys = [key for key, _ in members]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise InputError(
+                f"{where} gives the key {printable(twice)!r} twice in one object; delete the one that is not meant."
+            )
+        n_features += values.get("type") == "Feature" and "geometry" in values
+        found.append([values["crs"]] if "crs" in values else [])
         # Members of a CRS are needed, all others are skipped.
-        return dict(members) if {key for key, _ in members} <= _CRS_MEMBERS else None
+        return values if values.keys() <= _CRS_MEMBERS else None
 
-    json.loads(content, object_pairs_hook=collect)
-    return [crs for values in found[:-1] for crs in values], found[-1] if found else []
+    text = content.decode("utf-8-sig", "replace").strip()
+    while text:  # a sequence of features has one object after the other
+        _, end = json.JSONDecoder(object_pairs_hook=collect).raw_decode(text)
+        text = text[end:].strip()
+    return [crs for values in found[:-1] for crs in values], found[-1] if found else [], n_features
 
 
 def _check_named_crs(crs: Any, where: str) -> None:
@@ -212,23 +224,55 @@ def _check_crs_name(name: str, where: str) -> None:
     known_crs(name, where)
 
 
-def check_xml(content: bytes, root: str, where: str) -> None:
-    """Refuse XML that begins with another element, declares entities, or links to other documents."""
-    names: list[str] = []
+_SHAPES = frozenset(
+    {"Point", "LineString", "LinearRing", "Polygon", "MultiGeometry", "Model", "Track", "MultiTrack"}
+)
+# Of these children an element of KML has one at most; of several GDAL keeps the last.
+_SINGLE: Mapping[str, frozenset[str]] = {
+    "Placemark": _SHAPES,
+    "Polygon": frozenset({"outerBoundaryIs"}),
+    "outerBoundaryIs": frozenset({"LinearRing"}),
+    "innerBoundaryIs": frozenset({"LinearRing"}),
+    **dict.fromkeys(("Point", "LineString", "LinearRing"), frozenset({"coordinates"})),
+}
+_NAME_END = re.compile(rb"[\s/>]")
+
+
+class _Element(NamedTuple):
+    """Element of XML that is open: its local name, its name as written, and its single children so far."""
+
+    name: str
+    written: bytes
+    children: list[str]
+
+
+def check_xml(content: bytes, root: str, where: str) -> bytes:
+    """Refuse XML that begins with another element, declares entities, or links to other documents.
+
+    Returns the document. Google Earth writes all holes of a polygon into one ``innerBoundaryIs``, of which GDAL keeps the
+    last: each gets one of its own. Other elements of KML of which GDAL would keep the last are refused.
+    """
+    path: list[_Element] = []
+    cuts: list[tuple[int, bytes]] = []
     parser = expat.ParserCreate(namespace_separator=" ")
 
-    def element(name: str, _: Any) -> None:
-        local = name.rsplit(" ", 1)[-1]
-        if (not names and local != root) or local == "NetworkLink":
+    def begin(name: str, _: Any) -> None:
+        local, at = name.rsplit(" ", 1)[-1], parser.CurrentByteIndex
+        if (not path and local != root) or local == "NetworkLink":
             raise InputError(
                 f"{where} holds <{local[:40]}>; a <{root}> document with the features themselves was expected."
             )
-        names.append(local) if not names else None
+        if path and local in _SINGLE.get(path[-1].name, ()):
+            path[-1].children.append(local)
+            if len(path[-1].children) > 1:
+                cuts.append((at, _divided(path[-1], where)))
+        path.append(_Element(local, _NAME_END.split(content[at + 1 : at + 80], maxsplit=1)[0], []))
 
     def doctype(*_: Any) -> None:
         raise InputError(f"{where} declares a document type or XML entities; remove the declaration.")
 
-    parser.StartElementHandler, parser.StartDoctypeDeclHandler = element, doctype
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = begin, doctype
+    parser.EndElementHandler = lambda _: path.pop()
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
@@ -240,6 +284,20 @@ def check_xml(content: bytes, root: str, where: str) -> None:
         raise InputError(
             f"{where} states an encoding that cannot be read ({error}); save it as UTF-8."
         ) from error
+    ends = [0, *(at for at, _ in cuts), len(content)]
+    pieces = [content[begin:end] for begin, end in pairwise(ends)]
+    return pieces[0] + b"".join(tag + piece for (_, tag), piece in zip(cuts, pieces[1:], strict=True))
+
+
+def _divided(parent: _Element, where: str) -> bytes:
+    """Return the tags between two rings of a boundary of holes; refuse other elements with several children."""
+    if parent.name == "innerBoundaryIs" and parent.written.endswith(b"innerBoundaryIs"):
+        return b"</" + parent.written + b"><" + parent.written + b">"
+    kinds = " and ".join(f"<{name}>" for name in dict.fromkeys(parent.children))
+    raise InputError(
+        f"{where} holds a <{parent.name}> with {len(parent.children)} of {kinds}, where one was expected; "
+        "give each shape a placemark of its own and save it again, as UTF-8."
+    )
 
 
 # zipfile raises RuntimeError for an encrypted member and NotImplementedError for an unknown compression.
@@ -247,20 +305,32 @@ _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotI
 
 
 def kml_document(file: Path, what: str) -> bytes:
-    """Return the first KML document of a KMZ file."""
+    """Return the checked document of a KML or KMZ file."""
+    content = _unpacked(file, what) if file.suffix.lower() == ".kmz" else small_text(file, what)
+    return check_xml(content, "kml", f"{what} {file}")
+
+
+def _unpacked(file: Path, what: str) -> bytes:
+    """Return the document of a KMZ file; refuse several, of which others would be left out."""
     try:
         with zipfile.ZipFile(file) as archive:
-            member = next((m for m in archive.infolist() if m.filename.lower().endswith(".kml")), None)
-            if member is None:
+            members = [
+                member
+                for member in archive.infolist()
+                if member.filename.lower().endswith(".kml")
+                and not Path(member.filename).name.startswith("._")
+            ]
+            if len(members) != 1:
+                found = f"{len(members)} KML documents" if members else "no KML document (doc.kml)"
                 raise InputError(
-                    f"{what} {file} holds no KML document (doc.kml); save the placemarks as KMZ or KML again."
+                    f"{what} {file} holds {found}, and one was expected; save the placemarks as one KMZ or KML again."
                 )
-            if member.file_size > LARGEST_TEXT_BYTES:
+            if members[0].file_size > LARGEST_TEXT_BYTES:
                 raise CapacityError(
-                    f"{what} {file} holds a document of {member.file_size:,} bytes; {LARGEST_TEXT_BYTES:,} can be "
+                    f"{what} {file} holds a document of {members[0].file_size:,} bytes; {LARGEST_TEXT_BYTES:,} can be "
                     "read as text, save it as GeoPackage."
                 )
-            return archive.read(member)
+            return archive.read(members[0])
     except _DAMAGE as error:
         raise InputError(
             f"{what} {file} is damaged or no KMZ archive ({first_line(error)}); get it again."

@@ -13,10 +13,15 @@ import laspy
 import lazrs
 import numpy as np
 import numpy.typing as npt
+from laspy.vlrs.known import GeoAsciiParamsVlr, GeoKeyDirectoryVlr
+from pyproj import CRS
+from pyproj.crs import Datum  # type: ignore[attr-defined]  # pyproj lists no exports
+from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
-from survey.core import UNSTATED, BoolArray, InputError, existing_file, replacing
-from survey.core.crs import vertical_datum_of
+from survey.core import UNSTATED, BoolArray, InputError, existing_file, refusing_damage, replacing
+from survey.core.crs import ELLIPSOIDAL, datum_named, vertical_datum_of
+from survey.core.transformation import metric_crs
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.point_table import (
     CRC,
@@ -26,7 +31,6 @@ from survey.io.point_table import (
     add_column,
     check_claim,
     check_count,
-    damaged_points,
 )
 
 GROUND, NOISE = 2, (7, 18)
@@ -35,29 +39,16 @@ GROUND, NOISE = 2, (7, 18)
 _LAS_STEP_M = 1e-4
 _COARSE_STEP_M = 0.05
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
-_LAS_FAULTS = (
-    laspy.errors.LaspyException, lazrs.LazrsError, CRSError, ValueError, RuntimeError, struct.error,
-    OSError, MemoryError, ArithmeticError, KeyError, IndexError, TypeError,
-)  # fmt: skip
 
 
 @contextmanager
 def open_las(file: Path, **options: Any) -> Iterator[Any]:
     """Open an existing LAS or LAZ file whose header has been checked, and refuse a damaged one in one sentence."""
-    try:
+    with refusing_damage(f"the point file {file}", "LAS"):
         check_las_records(file)
         with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs, **options) as reader:
             check_las_points(file, reader.header)
             yield reader
-    except InputError:
-        raise
-    except _LAS_FAULTS as error:
-        raise damaged_points(file, "LAS", error) from error
-    except BaseException as error:
-        # The decompressor's Rust panics derive from no Exception and have no name to import.
-        if type(error).__name__ != "PanicException":
-            raise
-        raise damaged_points(file, "LAS", error) from error
 
 
 def read_las(path: Path) -> PointTable:
@@ -66,7 +57,7 @@ def read_las(path: Path) -> PointTable:
     with open_las(file) as reader:
         check_count(file, reader.header.point_count)
         las = reader.read()
-        crs = las.header.parse_crs()
+        crs = crs_of_header(las.header, file)
     if len(las.points) == 0:
         raise InputError(f"the point file {file} holds no points; get it again.")
     if len(las.points) != las.header.point_count:
@@ -81,13 +72,13 @@ def read_las(path: Path) -> PointTable:
         if column.ndim == 1:
             add_column(columns, name, column, file)
     _say_steps(las.header, file)
-    datum = datum_of_header(las.header, crs)
+    datum, lengths = datum_of_header(las.header, crs), lengths_of_header(las.header, file)
     for record in las.header.vlrs:
         if record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
             crc = record.record_data.decode("utf-8", "replace")
             refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
-            return PointTable(columns, crs, datum)  # without classes
-    return PointTable(columns, crs, datum, _is_ground(las))
+            return PointTable(columns, crs, datum, lengths=lengths)  # without classes
+    return PointTable(columns, crs, datum, _is_ground(las), lengths)
 
 
 def _say_steps(header: Any, file: Path) -> None:
@@ -101,12 +92,101 @@ def _say_steps(header: Any, file: Path) -> None:
         )
 
 
+# Keys of GeoTIFF: projected system, its unit, vertical system, its name, datum and unit.
+_SYSTEM, _PLACE_UNIT, _VERTICAL, _VERTICAL_NAME, _VERTICAL_DATUM, _HEIGHT_UNIT = (
+    3072,
+    3076,
+    4096,
+    4097,
+    4098,
+    4099,
+)
+_OWN_CODE = 32767
+# Vertical systems of GeoTIFF 1.0 that count from an ellipsoid.
+_ELLIPSOIDS = range(5001, 5034)
+
+
+def crs_of_header(header: Any, file: Path) -> Any:
+    """Return the CRS that a header states, None for none; refuse one that its keys describe without a code."""
+    crs = header.parse_crs()
+    if _geo_keys(header).get(_SYSTEM) == _OWN_CODE and (crs is None or crs.is_geographic):
+        raise InputError(
+            f"the point file {file} describes its CRS by GeoKeys without a code, which are not read; write it with a WKT record or a "
+            "code (las2las -epsg, pdal translate --writers.las.a_srs)."
+        )
+    return crs
+
+
 def datum_of_header(header: Any, crs: Any) -> str:
-    """Return the vertical datum that a header states: in its own record, or in its CRS."""
+    """Return the vertical datum that a header states: in its own record, in its CRS, or in its GeoKeys."""
     for record in header.vlrs:
         if record.user_id == _LAS_OWNER and record.record_id == _LAS_DATUM:
             return str(record.record_data.decode("utf-8", "replace"))
-    return UNSTATED if crs is None else vertical_datum_of(crs)
+    stated = UNSTATED if crs is None else vertical_datum_of(metric_crs(crs, "the header").crs)
+    keys = _geo_keys(header)
+    if stated or not {_VERTICAL, _VERTICAL_DATUM} & set(keys):
+        return stated
+    if keys.get(_VERTICAL) in _ELLIPSOIDS:
+        return ELLIPSOIDAL
+    vertical = _vertical_crs(keys)
+    name = vertical.name if vertical is not None else str(keys.get(_VERTICAL_NAME, ""))
+    return datum_named(name) or _datum_of_code(keys.get(_VERTICAL_DATUM, keys.get(_VERTICAL)))
+
+
+def _datum_of_code(code: Any) -> str:
+    try:
+        return datum_named(Datum.from_epsg(code).name)
+    except CRSError:
+        return UNSTATED
+
+
+def _vertical_crs(keys: dict[int, Any]) -> CRS | None:
+    """Return the vertical system that the keys name by its code."""
+    try:
+        found = CRS.from_epsg(keys.get(_VERTICAL, 0))
+    except CRSError:
+        return None
+    return found if found.is_vertical else None
+
+
+def lengths_of_header(header: Any, file: Path) -> dict[str, float]:
+    """Return the metres in a unit of eastings, northings and heights, by column, as far as GeoKeys state them."""
+    if any(record.user_id == _LAS_OWNER for record in header.vlrs):
+        return dict.fromkeys(PLACE, 1.0)
+    keys = _geo_keys(header)
+    vertical = _vertical_crs(keys)
+    found = {axis: _metres_of(keys[_PLACE_UNIT], file) for axis in PLACE[:2] if _PLACE_UNIT in keys}
+    if _HEIGHT_UNIT in keys:
+        found[PLACE[2]] = _metres_of(keys[_HEIGHT_UNIT], file)
+    elif vertical is not None:
+        found[PLACE[2]] = float(vertical.axis_info[0].unit_conversion_factor)
+    return found
+
+
+def _metres_of(code: Any, file: Path) -> float:
+    """Return the metres in a unit by its code in the register of EPSG."""
+    units = get_units_map(auth_name="EPSG", category="linear", allow_deprecated=True)
+    metres = next((float(unit.conv_factor) for unit in units.values() if unit.code == str(code)), None)
+    if metres is None:
+        raise InputError(
+            f"the point file {file} states the unit of length {code} in its GeoKeys, which is none of EPSG; correct its header "
+            "(las2las, pdal) or export it again."
+        )
+    return metres
+
+
+def _geo_keys(header: Any) -> dict[int, Any]:
+    """Return the GeoKeys of a header by number: short numbers, and texts."""
+    records = [*header.vlrs, *(header.evlrs or ())]
+    texts: Any = next((r.strings for r in records if isinstance(r, GeoAsciiParamsVlr)), [])
+    text = "".join(texts) if isinstance(texts, list) else str(texts)
+    found: dict[int, Any] = {}
+    for key in (key for r in records if isinstance(r, GeoKeyDirectoryVlr) for key in r.geo_keys):
+        if key.tiff_tag_location == 0:
+            found[key.id] = key.value_offset
+        elif key.id == _VERTICAL_NAME:
+            found[key.id] = text[key.value_offset : key.value_offset + key.count].strip("|\0 ")
+    return found
 
 
 def _is_ground(las: Any) -> BoolArray | None:

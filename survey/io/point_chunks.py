@@ -4,16 +4,16 @@ Number of points, bounds and CRS come from the header; the points follow in chun
 their strip (point source) where the file has it. PLY is mapped into memory, and Parquet is read by row groups.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file
-from survey.io.ply import PlyError, read_vertices
-from survey.io.point_table import damaged_points
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file, refusing_damage
+from survey.io.ply import read_vertices
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
 _STRIP = ("point_source_id", "PointSourceId", "strip")
@@ -51,10 +51,8 @@ def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnC
 
 
 def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
-    try:
+    with refusing_damage(f"the point file {file}", "PLY"):
         return read_vertices(file)
-    except (PlyError, MemoryError) as error:
-        raise damaged_points(file, "PLY", error) from error
 
 
 def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
@@ -62,7 +60,11 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
     The CRS stands in the file's metadata under ``crs``; bounds come from the statistics of the row groups.
     """
-    table = _opened_parquet(file)
+    with _parquet(file) as table:
+        return _facts_of(table, file)
+
+
+def _facts_of(table: Any, file: Path) -> tuple[int, Bounds, Any]:
     axes = _axes(table.schema_arrow.names, file)
     spans = [_span(table, file, axis) for axis in axes[:2]]
     stated = (table.schema_arrow.metadata or {}).get(_CRS_KEY)
@@ -72,7 +74,11 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
 def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
     """Yield the rows of a Parquet file in chunks."""
-    table = _opened_parquet(file)
+    with _parquet(file) as table:
+        yield from _rows_of(table, file, first, n, at_once)
+
+
+def _rows_of(table: Any, file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
     names = table.schema_arrow.names
     axes = _axes(names, file)
     strip = [name for name in _STRIP if name in names][:1]
@@ -88,15 +94,13 @@ def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[Col
             return
 
 
-def _opened_parquet(file: Path) -> Any:
-    import pyarrow
+@contextmanager
+def _parquet(file: Path) -> Iterator[Any]:
+    """Open a Parquet file, and refuse a damaged one in one sentence."""
     from pyarrow import parquet
 
-    try:
-        opened: Any = parquet.ParquetFile(file)
-    except (pyarrow.ArrowException, OSError) as error:
-        raise damaged_points(file, "Parquet", error) from error
-    return opened
+    with refusing_damage(f"the point file {file}", "Parquet"), parquet.ParquetFile(file) as table:
+        yield table
 
 
 def _span(table: Any, file: Path, axis: str) -> tuple[float, float]:
@@ -128,12 +132,18 @@ CHUNKED_SUFFIXES = (".las", ".laz", ".ply", ".parquet")
 
 
 class PointFileFacts(NamedTuple):
-    """Number of points of a file, their bounds [m], and the CRS and vertical datum that the file states, if any."""
+    """Number of points of a file, their bounds as stored, and what the file states: CRS, vertical datum, units.
+
+    `lengths`: metres in a unit of a column, where the file states it (`survey.io.point_table.PointTable`). `heights` (2,):
+    lowest and highest, as stored, where the header states them.
+    """
 
     n_points: int
     bounds: Bounds
     crs: Any
     vertical_datum: str = UNSTATED
+    lengths: Mapping[str, float] = {}
+    heights: tuple[float, float] | None = None
 
 
 class PointChunk(NamedTuple):
@@ -184,8 +194,13 @@ def point_file_facts(path: str | Path) -> PointFileFacts:
     return facts
 
 
-def read_chunks(path: str | Path, first: int, n: int) -> Iterator[PointChunk]:
-    """Read points in chunks of at most `CHUNK_POINTS`."""
+def read_chunks(
+    path: str | Path, first: int, n: int, metres: tuple[float, float] = (1.0, 1.0)
+) -> Iterator[PointChunk]:
+    """Read points in chunks of at most `CHUNK_POINTS`.
+
+    `metres`: in a unit of the places and of the heights of the file.
+    """
     file = existing_file(path, "the point file")
     n_read = 0
     for chunk in _chunks(file, first, n):
@@ -194,7 +209,11 @@ def read_chunks(path: str | Path, first: int, n: int) -> Iterator[PointChunk]:
                 f"the point file {file} holds coordinates that are NaN or infinite; remove those points."
             )
         n_read += len(chunk.xyz)
-        yield chunk
+        yield (
+            chunk
+            if metres == (1.0, 1.0)
+            else chunk._replace(xyz=chunk.xyz * [metres[0], metres[0], metres[1]])
+        )
     if n_read != n:
         raise InputError(
             f"the point file {file} holds {n_read} points behind point {first}, and {n} were expected; it was cut off."
@@ -213,14 +232,16 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
 
 
 def _las_facts(file: Path) -> PointFileFacts:
-    from survey.io.las import datum_of_header, open_las  # here: laspy imports a client of the web
+    # here: laspy imports a client of the web
+    from survey.io.las import crs_of_header, datum_of_header, lengths_of_header, open_las
 
     with open_las(file) as reader:
         header = reader.header
         low, high = header.mins, header.maxs
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        crs = header.parse_crs()
-        return PointFileFacts(header.point_count, bounds, crs, datum_of_header(header, crs))
+        crs = crs_of_header(header, file)
+        stated = datum_of_header(header, crs), lengths_of_header(header, file)
+        return PointFileFacts(header.point_count, bounds, crs, *stated, (float(low[2]), float(high[2])))
 
 
 def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:

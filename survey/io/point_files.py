@@ -18,17 +18,17 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core import UNSTATED, FloatArray, InputError, existing_file, replacing
+from survey.core import UNSTATED, FloatArray, InputError, existing_file, refusing_damage, replacing
 from survey.core.crs import crs_text, vertical_datum_of
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.column_names import (
     ColumnNames,
+    at_positions,
     axis_of,
     datum_of_column,
+    last_position,
     log_columns,
-    metres_factor,
     one_column,
-    refuse_feet,
     rename_header,
     spelled,
 )
@@ -42,9 +42,10 @@ from survey.io.point_table import (
     add_column,
     check_claim,
     check_count,
-    damaged_points,
     in_own_columns,
     place_columns,
+    stated_lengths,
+    table_in_metres,
 )
 from survey.io.raster.values import HIGHEST_M, LARGEST, LOWEST_M, MARKS, MARKS_IN_METRES
 from survey.io.tables import is_number, read_table, write_table
@@ -71,9 +72,7 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable
     if path.suffix.lower() == ".xyz":
         return _read_export(file, columns or {}, _UNNAMED)
     if not columns and _is_plain(file):
-        numbers = read_table(file, (), what=_WHAT)
-        refuse_feet(list(numbers), f"{_WHAT} {path}")
-        return PointTable(*in_own_columns(numbers, f"{_WHAT} {path}"))
+        return in_own_columns(read_table(file, (), what=_WHAT), f"{_WHAT} {path}")
     return _read_export(file, columns or {})
 
 
@@ -112,8 +111,8 @@ def _is_plain(file: Path) -> bool:
 
 def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = ()) -> PointTable:
     """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
-    text = read_text_table(file, _WHAT, unnamed)
-    refuse_feet(text.header, text.where)
+    text = read_text_table(file, _WHAT, unnamed, width=last_position(given))
+    given = {own: name for own, name in at_positions(given, text.header).items() if own != _NAME}
     known = dict(zip(text.header, rename_header(text.header, given, text.where), strict=True))
     sigma = one_column("sigma_z", list(known.values()), text.where)
     asked = {*given, sigma}
@@ -121,16 +120,14 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
         name: own for name, own in known.items() if own in asked or text.is_number(name, 0, axis_of(own))
     }
     names = {name: SIGMA if own == sigma else own for name, own in names.items()}
-    numbers = {own: metres_factor(name) * text.numbers(name, axis_of(own)) for name, own in names.items()}
+    numbers = {own: text.numbers(name, axis_of(own)) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
     log_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
     _refuse_places_of_text(text, known, set(numbers))
-    height = place_columns(list(numbers), text.where).names[2]
-    datum = datum_of_column(next(name for name, own in names.items() if own == height))
-    places, crs = in_own_columns(numbers, text.where)
-    if crs is not None:
-        refuse_hemispheres(text, *(places[name] for name in PLACE[:2]))
-    return PointTable(places, crs, datum)
+    table = in_own_columns(numbers, text.where, {own: name for name, own in names.items()})
+    if table.crs is not None:
+        refuse_hemispheres(text, *(table.columns[name] for name in PLACE[:2]))
+    return table
 
 
 def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: set[str]) -> None:
@@ -159,7 +156,7 @@ def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTa
     names = _used_attributes(attributes, columns or {}, features.geometry, where)
     xyz = shapely.get_coordinates(features.geometry, include_z=True)
     found = dict(zip(PLACE, xyz.T, strict=True))
-    found |= {own: metres_factor(name) * _numbers(attributes, name, where) for own, name in names.items()}
+    found |= {own: _numbers(attributes, name, where) for own, name in names.items()}
     for name, column in attributes.items():
         if name not in {*names, *names.values()} and np.issubdtype(column.dtype, np.number):
             add_column(found, name, column, path)
@@ -167,7 +164,7 @@ def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTa
     crs = features.crs
     stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
     stated = stated or datum_of_column(names.get(_HEIGHT, ""))
-    return PointTable(found, crs, stated)
+    return PointTable(found, crs, stated, lengths=stated_lengths(names))
 
 
 def write_vector(path: Path, table: PointTable) -> None:
@@ -209,7 +206,6 @@ def _height(attributes: Attributes, z: FloatArray, where: str) -> str | None:
     if np.isfinite(z).all():
         _refuse_flat_geometry(z, attributes, where)
         return None
-    refuse_feet(list(attributes), where)
     height = one_column("height", list(attributes), where)
     if height is None:
         raise InputError(
@@ -246,13 +242,11 @@ _COARSE_M = 0.01
 def read_ply(path: Path) -> PointTable:
     """Read a PLY file, and check its checksum where firnline wrote it."""
     file = existing_file(path, _WHAT)
-    try:
+    with refusing_damage(f"the point file {file}", "PLY"):
         for element in read_header(file).elements:
             check_claim(file, element.n_rows, 1)
             check_count(file, element.n_rows)
         vertices, comments = read_vertices(file)
-    except (PlyError, MemoryError) as error:
-        raise damaged_points(file, "PLY", error) from error
     names = vertices.dtype.names or ()
     missing = {"x", "y", "z"} - set(names)
     if missing:
@@ -267,7 +261,8 @@ def read_ply(path: Path) -> PointTable:
     stated = dict(comment.split(" ", 1) for comment in comments if " " in comment)
     if CRC in stated:
         refuse_altered(file, stated[CRC], [vertices], f"its comment {CRC}")
-    return PointTable(columns, stated.get("crs"), stated.get(DATUM, UNSTATED))
+    own = dict.fromkeys(PLACE, 1.0) if CRC in stated else {}
+    return PointTable(columns, stated.get("crs"), stated.get(DATUM, UNSTATED), lengths=own)
 
 
 def write_ply(path: Path, table: PointTable) -> None:
@@ -311,16 +306,31 @@ TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
 """Endings of files with one row for each point, whose columns can be chosen."""
 
 
-def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None) -> PointTable:
-    """Read the format that the file's ending names."""
+def read_point_table(
+    path: str | Path, columns: Mapping[str, str] | None = None, *, crs: Any = None, units: str | None = None
+) -> PointTable:
+    """Read the format that the file's ending names, in metres.
+
+    `crs`: CRS of a file that states none, by whose unit its places are converted. `units`: ``m``, ``ft`` or ``us-ft``, for
+    heights whose file states no unit.
+    """
     table = _read(Path(path), columns)
     for name, column in table.columns.items():
         if (np.abs(column) > LARGEST).any():
             raise InputError(
                 f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
             )
+    return _checked_heights(table, crs, units, path)
+
+
+def _checked_heights(table: PointTable, crs: Any, units: str | None, path: str | Path) -> PointTable:
+    """Return a table in metres; refuse numbers that stand for missing ones, as stored, and impossible heights."""
     refuse_marks(table, path)
-    return table
+    converted = table_in_metres(table, crs, units, f"the point file {path}")
+    if converted.columns[PLACE[2]] is table.columns[PLACE[2]]:
+        _refuse_numbers(MARKS_IN_METRES, table.columns[PLACE[2]], PLACE[2], path)
+    _refuse_impossible(converted.columns[PLACE[2]], path)
+    return converted
 
 
 def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
@@ -344,21 +354,25 @@ def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
         return table
     columns = {key: column for key, column in table.columns.items() if key != name}
     log_columns(f"the point file {path}", ColumnNames({SIGMA: name}))
-    return table._replace(columns={**columns, SIGMA: metres_factor(name) * table.columns[name]})
+    lengths = {**table.lengths, **stated_lengths({SIGMA: name})}
+    return table._replace(columns={**columns, SIGMA: table.columns[name]}, lengths=lengths)
 
 
 def refuse_marks(table: PointTable, path: str | Path) -> None:
     """Refuse numbers that stand for a missing one in a column of heights or of sampled values."""
     _refuse_zeros(table.columns[PLACE[2]], path)
-    _refuse_impossible(table.columns[PLACE[2]], path)
     for name, column in table.columns.items():
-        marks = () if name in PLACE[:2] else MARKS + (MARKS_IN_METRES if name == PLACE[2] else ())
-        found = next((mark for mark in marks if (column == mark).any()), None)
-        if found is not None:
-            raise InputError(
-                f"the point file {path} holds {found:g} in {name}, first at point {int(np.argmax(column == found)) + 1}, which stands for a missing "
-                "number; remove those rows."
-            )
+        if name not in PLACE[:2]:
+            _refuse_numbers(MARKS, column, name, path)
+
+
+def _refuse_numbers(marks: Sequence[float], column: FloatArray, name: str, path: str | Path) -> None:
+    found = next((mark for mark in marks if (column == mark).any()), None)
+    if found is not None:
+        raise InputError(
+            f"the point file {path} holds {found:g} in {name}, first at point {int(np.argmax(column == found)) + 1}, which stands for a missing "
+            "number; remove those rows."
+        )
 
 
 def _refuse_zeros(height_m: FloatArray, path: str | Path) -> None:
@@ -381,7 +395,7 @@ def _refuse_impossible(height_m: FloatArray, path: str | Path) -> None:
     if known.size and (known.min() > HIGHEST_M or known.max() < LOWEST_M):
         raise InputError(
             f"the point file {path} holds heights between {known.min():g} and {known.max():g} m, beyond all ground on Earth; "
-            "check which column holds the heights, and that they are in metres."
+            "choose the column of heights with --columns z=NAME, or name their unit with --units."
         )
 
 
@@ -440,22 +454,31 @@ class NamedPoints(NamedTuple):
     names: tuple[str, ...]
 
 
-def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | None = None) -> NamedPoints:
+def read_named_points(
+    path: str | Path,
+    what: str,
+    columns: Mapping[str, str] | None = None,
+    *,
+    crs: Any = None,
+    units: str | None = None,
+) -> NamedPoints:
     """Read points with names from tables of text, GPX (way points), or any format of points.
 
     Tables may have commas, semicolons or tabs between cells, decimal commas, and the usual names of columns
     (``Point, Easting, Northing, Elevation, SDH, SDV``); where they are not firnline's own, the log states which
-    were read. Columns of text, such as codes, are passed over.
+    were read. Columns of text, such as codes, are passed over. Places and heights come in metres, as `read_point_table`
+    converts them.
     """
     file = existing_file(path, what)
     suffix = file.suffix.lower()
     if suffix in _TABLES:
-        table, names = _table(read_text_table(file, what), columns or {})
-        refuse_marks(table, file)
+        given = columns or {}
+        table, names = _table(read_text_table(file, what, width=last_position(given)), given)
+        table = _checked_heights(table, crs, units, file)
     elif suffix == ".gpx":
         table, names = _gpx(file, what)
     else:
-        table = read_point_table(file, columns)
+        table = read_point_table(file, columns, crs=crs, units=units)
         names = _feature_names(file, what) if suffix in VECTOR_ENDINGS else ()
     if len(set(names)) < len(names) or "" in names:
         repeated = sorted({name for name in names if names.count(name) > 1 or not name})
@@ -467,18 +490,14 @@ def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | 
 
 def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple[str, ...]]:
     """Return places, standard deviations and marks of a table, with the names of its points."""
+    given = at_positions(given, text.header)
     original = dict(zip(rename_header(text.header, given, text.where), text.header, strict=True))
     used = _used_columns(list(original), text.where)
-    numbers = {
-        own: metres_factor(original[name]) * text.numbers(original[name], axis_of(own))
-        for own, name in used.items()
-        if own != _NAME
-    }
+    numbers = {own: text.numbers(original[name], axis_of(own)) for own, name in used.items() if own != _NAME}
     names = text.texts(original[used[_NAME]]) if _NAME in used else ()
     read = {own: original[name] for own, name in used.items()}
     log_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
-    datum = datum_of_column(read[PLACE[2]])
-    table = PointTable(*in_own_columns(numbers, text.where), datum)
+    table = in_own_columns(numbers, text.where, read)
     if table.crs is not None:
         refuse_hemispheres(text, *(table.columns[name] for name in PLACE[:2]))
     return table, names
@@ -486,7 +505,6 @@ def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple
 
 def _used_columns(header: list[str], where: str) -> dict[str, str]:
     """Return the columns that are read: places, then the others by own name."""
-    refuse_feet(header, where)
     places = place_columns(header, where)
     own = ("longitude_deg", "latitude_deg", PLACE[2]) if places.is_geographic else PLACE
     found = {

@@ -6,16 +6,24 @@ easting and northing, then longitude and latitude.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from pyproj import CRS
 
-from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError, first_line
-from survey.core.transformation import WGS84
-from survey.io.column_names import SPELLINGS, normalize, without_metres
+from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError
+from survey.core.lengths import FOOT_M, length_name, log_converted, named_units, same_length
+from survey.core.transformation import WGS84, MetricCrs, metric_crs
+from survey.io.column_names import (
+    SPELLINGS,
+    datum_of_column,
+    metres_first,
+    normalize,
+    stated_length,
+    without_length,
+)
 
 SIGMA = "sigma_z_m"
 PLACE = ("x_m", "y_m", "z_m")
@@ -64,8 +72,8 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
         raise InputError(
             f"{where} has columns whose names differ in the case of letters or in marks alone; rename or remove them."
         )
-    for plain, name in list(found.items()):
-        found.setdefault(without_metres(plain), name)
+    for name in metres_first(header) + list(header):
+        found.setdefault(without_length(name), name)
     families = [f for f in _FAMILIES if _named(f.first, found) and _named(f.second, found)]
     metric = [family for family in families if not family.is_geographic]
     chosen = (metric or families)[:1]
@@ -79,16 +87,21 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     return PlaceColumns((first, second, _height(family, found, where)), family.is_geographic)
 
 
-def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str, FloatArray], CRS | None]:
+def in_own_columns(
+    columns: dict[str, FloatArray], where: str, header: Mapping[str, str] | None = None
+) -> "PointTable":
     """Rename the columns of the place to ``x_m``, ``y_m`` and ``z_m``, first in the table.
 
-    Returns `crs`: WGS 84 for degrees; None where the table does not name its CRS.
+    `header`: name in the file of columns that have another one here. Returns: in WGS 84 for degrees, else without CRS.
     """
     names, is_geographic = place_columns(list(columns), where)
+    in_file = {**dict(zip(columns, columns, strict=True)), **(header or {})}
+    in_file |= {own: in_file[name] for own, name in zip(PLACE, names, strict=True)}
+    datum, lengths = datum_of_column(in_file[PLACE[2]]), stated_lengths(in_file)
     places = {own: columns[name] for own, name in zip(PLACE, names, strict=True)}
     others = {name: column for name, column in columns.items() if name not in names}
     if not is_geographic:
-        return {**places, **others}, None
+        return PointTable({**places, **others}, None, datum, lengths=lengths)
     for name, limit in (("x_m", 360.0), ("y_m", 90.0)):
         largest = float(np.abs(places[name]).max())
         if largest > limit:
@@ -97,7 +110,7 @@ def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str
                 f"{where} holds {largest:g} in the column {source}, which is no angle in degrees; "
                 "rename the columns to easting and northing if they are metres."
             )
-    return {**places, **others}, WGS84
+    return PointTable({**places, **others}, WGS84, datum, lengths=lengths)
 
 
 def log_projection(where: str, crs: CRS) -> None:
@@ -112,8 +125,8 @@ def _named(names: tuple[str, ...], found: dict[str, str]) -> bool:
 
 
 def _present(names: tuple[str, ...], found: dict[str, str]) -> list[str]:
-    """Return the columns that have one of several names, each once."""
-    return list(dict.fromkeys(found[name] for name in names if name in found))
+    """Return the columns that have one of several names, each once; those in feet where there is no other."""
+    return metres_first(list(dict.fromkeys(found[name] for name in names if name in found)))
 
 
 def _one(names: tuple[str, ...], found: dict[str, str], where: str) -> str:
@@ -154,12 +167,107 @@ class PointTable(NamedTuple):
     """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them.
 
     ``is_ground`` (N,) is true for points of the ground, by their classes; None where all are of the ground.
+    ``lengths``: metres in a unit of a column, where the file states it; `table_in_metres` converts by them.
     """
 
     columns: dict[str, FloatArray]
     crs: Any = None
     vertical_datum: str = UNSTATED
     is_ground: BoolArray | None = None
+    lengths: Mapping[str, float] = {}
+
+
+# Columns that count in the unit of the eastings and northings, and in that of the heights, where nothing else is stated.
+_LIKE_PLACES = (*PLACE[:2], "map_x_m", "map_y_m", "sigma_xy_m")
+_LIKE_HEIGHTS = (PLACE[2], SIGMA)
+
+
+def stated_lengths(names: Mapping[str, str]) -> dict[str, float]:
+    """Return the metres in a unit of columns by own name, where the names (by own name) that the file gives them state it."""
+    stated = {own: stated_length(name) for own, name in names.items() if own in _LIKE_PLACES + _LIKE_HEIGHTS}
+    return {own: metres for own, metres in stated.items() if metres is not None}
+
+
+def table_in_metres(table: PointTable, named: Any, units: str | None, where: str) -> PointTable:
+    """Return a table in metres, in the twin of its CRS in metres, and log what was converted.
+
+    The unit of a place is that of its column or CRS, that of a height of its column, header or vertical CRS, else `units`.
+
+    `named`: CRS of a file that states none. `units`: unit of heights that state none.
+    """
+    own = MetricCrs(WGS84) if table.crs is None else metric_crs(table.crs, where)
+    asked = MetricCrs(WGS84) if named is None else metric_crs(named, where)
+    lengths = units_of_table(
+        table.lengths, own if table.crs is not None else asked, asked.height_m, units, where
+    )
+    columns = {
+        name: lengths[name] * column if lengths.get(name, 1.0) != 1.0 else column
+        for name, column in table.columns.items()
+    }
+    return table._replace(columns=columns, crs=None if table.crs is None else own.crs, lengths={})
+
+
+def units_of_table(
+    stated: Mapping[str, float],
+    system: MetricCrs,
+    named_height_m: float | None,
+    units: str | None,
+    where: str,
+) -> dict[str, float]:
+    """Return the metres in a unit of each column of places and heights, and log which are no metres.
+
+    `stated`: by column, as the file states it. `system`: CRS of the places. `named_height_m`: unit of heights of the CRS
+    that was named for the file.
+    """
+    place_m = _unit_of_places(stated, system.place_m, units, where)
+    height_m = _agreed_unit(stated.get(PLACE[2]), system.height_m or named_height_m, "heights", where)
+    if height_m is None and units is None and place_m != 1.0:
+        raise InputError(
+            f"{where} has its places in {length_name(place_m)} and does not state the unit of its heights; name it with --units m, ft or us-ft."
+        )
+    asked_m = None if units is None else named_units(units)
+    if height_m is not None and asked_m is not None and not same_length(height_m, asked_m):
+        logging.getLogger(__name__).warning(
+            "%s states its heights in %s; --units %s is for files that state none, and is not used.",
+            where,
+            length_name(height_m),
+            units,
+        )
+    height_m = height_m or asked_m or 1.0
+    log_converted(where, (("places", place_m), ("heights", height_m)))
+    return {**dict.fromkeys(_LIKE_PLACES, place_m), **dict.fromkeys(_LIKE_HEIGHTS, height_m)} | {
+        name: metres for name, metres in stated.items() if name not in PLACE
+    }
+
+
+def _unit_of_places(stated: Mapping[str, float], of_crs: float, units: str | None, where: str) -> float:
+    """Return the metres in a unit of the places, by their columns or by the CRS."""
+    x, y = (stated.get(name) for name in PLACE[:2])
+    if (x or 1.0) != (y or 1.0):
+        raise InputError(
+            f"{where} has one of its places in {length_name(x or 1.0)} and the other in {length_name(y or 1.0)}; write both columns in one unit."
+        )
+    if x == FOOT_M and of_crs == 1.0:  # the two feet differ by decimetres at usual eastings
+        if units in (None, "m"):
+            raise InputError(
+                f"{where} has its places in feet, and its CRS counts in metres; name the foot with --units ft or us-ft, or its CRS with --crs."
+            )
+        return named_units(units)
+    return _agreed_unit(x, of_crs, "places", where) or 1.0
+
+
+def _agreed_unit(stated: float | None, of_crs: float | None, what: str, where: str) -> float | None:
+    """Return the unit of columns or header where the CRS states none, of the CRS where both are feet; refuse metres beside feet."""
+    if stated is None or of_crs is None:
+        return of_crs if stated is None else stated
+    if same_length(stated, of_crs) or (stated == FOOT_M and abs(of_crs - stated) < 1e-5):
+        return of_crs
+    if what == "places" and of_crs == 1.0:
+        return stated
+    raise InputError(
+        f"{where} states its {what} in {length_name(stated)}, and its CRS counts in {length_name(of_crs)}; rename the column, or name the CRS "
+        "that is meant with --crs."
+    )
 
 
 def ground_of(table: PointTable, where: str) -> PointTable:
@@ -237,8 +345,3 @@ def check_claim(file: Path, n_points: int, point_bytes: int, ratio: int = 1) -> 
         raise InputError(
             f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
         )
-
-
-def damaged_points(file: Path, kind: str, error: BaseException) -> InputError:
-    """Return the refusal of a file that a library could not read."""
-    return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")

@@ -8,6 +8,7 @@ are times of day and dates written as one number (100015 for 10:00:15).
 """
 
 import csv
+import logging
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -185,8 +186,12 @@ class TextTable(NamedTuple):
         )
 
 
-def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) -> TextTable:
-    """Read a table, with a header unless its columns are known; the separator is found by itself."""
+def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = (), width: int = 0) -> TextTable:
+    """Read a table, with a header unless its columns are known; the separator is found by itself.
+
+    `width`: number of columns that are named by their positions, if any; what rows hold behind them, such as descriptions
+    with commas, is left out.
+    """
     file = existing_file(path, what)
     where = f"{what} {file}"
     lines = _lines(file, where)
@@ -199,16 +204,36 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     lines = [line.rstrip("\r\n") for line in lines]
     separator = _separator(lines[header_at])
     cells = _cells(lines[header_at:], separator, where)
-    names = _names_of(cells[0], unnamed) or _names_in_comment(lines[:header_at], separator, cells[0])
+    last_cells = len(cells[-1])
+    width = width if _are_numbers(cells[0]) else 0
+    if width:
+        cells = _first_columns(cells, width, header_at, where)
+    names = [f"column_{k}" for k in range(1, width + 1)] or _names_of(cells[0], unnamed)
+    names = names or _names_in_comment(lines[:header_at], separator, cells[0])
     header = _header(names or cells[0], where)
     numbered = [(header_at + k, row) for k, row in enumerate(cells, start=1) if any(map(str.strip, row))]
     numbered = numbered if names else numbered[1:]
     header, numbered = _as_counted(header, numbered)
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
-    refuse_cut_off_line(last, rows, where)
+    if not 0 < width < last_cells:  # what is cut off there is not read
+        refuse_cut_off_line(last, rows, where)
     marks = NumberMarks.among((cell for row in rows for cell in row), has_commas=separator != ",")
     return TextTable(header, rows, [line for line, _ in numbered], marks, where)
+
+
+def _first_columns(cells: list[list[str]], width: int, header_at: int, where: str) -> list[list[str]]:
+    """Return the first cells of each row; refuse rows of fewer."""
+    for line, row in enumerate(cells, start=header_at + 1):
+        if 0 < len(row) < width and any(map(str.strip, row)):
+            raise InputError(
+                f"{where}, line {line}: {len(row)} values, and column {width} was named by its position; correct --columns or --format, or "
+                "make the file again where it is cut off."
+            )
+    logging.getLogger(__name__).warning(
+        "%s: the columns 1 to %d are read, and nothing behind them.", where, width
+    )
+    return [row[:width] for row in cells]
 
 
 def _lines(file: Path, where: str) -> list[str]:
@@ -281,7 +306,8 @@ def _header(cells: Sequence[str], where: str) -> list[str]:
     if _are_numbers(names):
         raise InputError(
             f"{where} has no header line (it begins with {printable(', '.join(names))[:80]}); "
-            "add one that names its columns in their order, such as Point,Easting,Northing,Elevation."
+            "name the order of its columns with --format pnezd (penz, xyz), or their positions with --columns x=3,y=2,z=4, or add a line such as "
+            "Point,Easting,Northing,Elevation."
         )
     refuse_repeated_columns(names, where)
     return names

@@ -15,6 +15,7 @@ import shapely
 from pyproj import CRS
 
 from survey.core import FloatArray, InputError, existing_file, replacing
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.core.transformation import WGS84, transformed
 from survey.io.arrays_file import checksum, refuse_altered
 from survey.io.vector import read_features, write_features
@@ -45,6 +46,7 @@ def read_tum(path: str | Path) -> FloatArray:
     Returns (N, 8): time [s], position [m], quaternion x y z w.
     """
     rows = _read_rows(path, TUM_COLUMNS, "TUM")
+    refuse_other_unit(rows[:, 0], f"the times of the trajectory {path}", LONGEST_STEP_S)
     no_turn = np.flatnonzero(np.linalg.norm(rows[:, 4:8], axis=1) < _SHORTEST)
     if len(no_turn):
         raise InputError(
@@ -177,6 +179,7 @@ def read_track(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
     features = read_features(path, what="the track")
     heights = _numbers(features.attributes.get(_HEIGHT), path, f"a column {_HEIGHT}")
     time_s = _numbers(features.attributes.get(_TIME), path, f"a column {_TIME}")
+    refuse_other_unit(time_s, f"the times of the track {path}", LONGEST_STEP_S)
     return time_s, _places(features.geometry, heights, features.crs, crs, path)
 
 

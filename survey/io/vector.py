@@ -5,9 +5,11 @@ geometries in another CRS are transformed, and a column with its WKT brings them
 """
 
 import logging
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +17,21 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core import CapacityError, InputError, existing_file, first_line, printable, replacing
+from survey.core import (
+    CapacityError,
+    InputError,
+    existing_file,
+    first_line,
+    printable,
+    refusing_damage,
+    replacing,
+)
 from survey.core.files import unwritable, warnings_logged
 from survey.core.transformation import WGS84, coded_crs, transformed
-from survey.io.dataset_files import stale_files
+from survey.io.dataset_files import companion_files, stale_files
 from survey.io.file_kinds import OFFLINE, check_vector_file, kml_document
+
+logger = logging.getLogger(__name__)
 
 _GDAL_OPTIONS = {
     **OFFLINE,
@@ -129,21 +141,29 @@ def read_features(
 ) -> Features:
     """Read all features of a layer."""
     file = existing_file(path, what)
-    check_vector_file(file, what)
-    with _gdal_of(file, what) as gdal:
-        if layer is None:
-            _refuse_several_layers(gdal, file, what)
-        _refuse_too_many(gdal, file, layer, what)
-        meta, _, geometry, columns = gdal.raw.read(
-            _source(file, what), layer=layer, datetime_as_string=dates_as_text
+    n_stated = check_vector_file(file, what)
+    if file.suffix.lower() == ".shp" and not any(
+        beside.suffix.lower() == ".dbf" for beside in companion_files(file)
+    ):
+        logger.warning(
+            "%s %s has no .dbf beside it; names and roles of its features are missing.", what, file
         )
+    with _gdal_of(file, what) as (gdal, source):
+        if layer is None:
+            _refuse_several_layers(gdal, source, file, what)
+        _refuse_too_many(gdal, source, file, layer, what)
+        meta, _, geometry, columns = gdal.raw.read(source, layer=layer, datetime_as_string=dates_as_text)
     if geometry is None or len(geometry) == 0:
         raise InputError(f"{what} {file} holds no features; draw at least one and save it again.")
+    if n_stated > len(geometry):
+        raise InputError(
+            f"{what} {file} holds {n_stated} features, of which {len(geometry)} can be read; move all into one list 'features'."
+        )
     try:
         shapes = shapely.from_wkb(geometry)
     except shapely.errors.GEOSException as error:
         raise InputError(
-            f"{what} {file} holds a geometry that cannot be built ({first_line(error)}); correct it in a GIS."
+            f"{what} {file} holds a shape that cannot be built ({first_line(error).rpartition(': ')[2]}); correct it in a GIS."
         ) from error
     shapes, attributes = np.asarray(shapes, dtype=object), dict(zip(meta["fields"], columns, strict=True))
     if SURVEY_CRS in attributes:
@@ -155,8 +175,8 @@ def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]
     """Return the names of the layers of a vector file, such as the folders of KML."""
     file = existing_file(path, what)
     check_vector_file(file, what)
-    with _gdal_of(file, what) as gdal:
-        return [str(name) for name, _ in gdal.list_layers(_source(file, what))]
+    with _gdal_of(file, what) as (gdal, source):
+        return [str(name) for name, _ in gdal.list_layers(source)]
 
 
 def geometry_types(path: str | Path, *, what: str = "the vector file") -> set[str]:
@@ -176,7 +196,7 @@ def polygon_layer(path: str | Path, *, what: str = "the vector file") -> str | N
     found = [name for name in names if "Polygon" in _types_in(path, name, what)]
     if len(found) != 1:
         return None
-    logging.getLogger(__name__).warning(
+    logger.warning(
         "%s %s has %d layers; the one with polygons, %s, is read.",
         what,
         path,
@@ -188,41 +208,56 @@ def polygon_layer(path: str | Path, *, what: str = "the vector file") -> str | N
 
 def _types_in(path: str | Path, layer: str, what: str) -> set[str]:
     """Return the types of geometry in a layer; empty for a table without geometries."""
-    with _gdal_of(Path(path), what) as gdal:
-        declared = gdal.read_info(_source(Path(path), what), layer=layer)["geometry_type"]
+    with _gdal_of(Path(path), what) as (gdal, source):
+        declared = gdal.read_info(source, layer=layer)["geometry_type"]
     if declared is None:
         return set()
     found = {declared}
     if declared.startswith(("Unknown", "GeometryCollection")):
         shapes = read_features(path, layer=layer, what=what).geometry
-        found = {shape.geom_type for shape in shapes if shape is not None}
+        known = [shape for shape in shapes if shape is not None]
+        found = {part.geom_type for part in shapely.get_parts(shapely.get_parts(known))}
     return {name.split()[0].removeprefix("2.5D").removeprefix("Multi") for name in found}
 
 
 @contextmanager
-def _gdal_of(file: Path, what: str) -> Iterator[Any]:
-    """Give GDAL's bindings; what they raise about the file becomes an `InputError`."""
-    try:
-        with gdal_bindings() as gdal, warnings_logged():
-            yield gdal
-    except InputError:
-        raise
-    except pyogrio_errors() as error:
-        raise InputError(
-            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
-        ) from error
+def _gdal_of(file: Path, what: str) -> Iterator[tuple[Any, Path]]:
+    """Give GDAL's bindings and the file that they open; what they raise about it becomes an `InputError`."""
+    with (
+        refusing_damage(f"{what} {file}", "vector file that GDAL can read"),
+        _opened(file, what) as source,
+        gdal_bindings() as gdal,
+        warnings_logged(),
+    ):
+        yield gdal, source
 
 
-def _source(file: Path, what: str) -> Path | bytes:
-    """Return what GDAL opens: a file, or the document in an archive."""
-    return kml_document(file, what) if file.suffix.lower() == ".kmz" else file.absolute()
+@contextmanager
+def _opened(file: Path, what: str) -> Iterator[Path]:
+    """Yield the file that GDAL opens: the one that is meant, or one in a folder for the time of reading.
+
+    Of KML the checked document is opened. The bindings take `!` in a path for the end of an archive's name.
+    """
+    source = file.absolute()
+    if file.suffix.lower() not in (".kml", ".kmz") and "!" not in str(source):
+        yield source
+        return
+    with TemporaryDirectory(prefix="firnline-") as name:
+        plain = Path(name) / source.name.replace("!", "_")
+        if file.suffix.lower() in (".kml", ".kmz"):
+            plain = plain.with_suffix(".kml")
+            plain.write_bytes(kml_document(file, what))
+        else:
+            for beside in (source, *companion_files(source)):
+                plain.with_suffix(beside.suffix).symlink_to(beside)
+        yield plain
 
 
-def _refuse_several_layers(gdal: Any, file: Path, what: str) -> None:
+def _refuse_several_layers(gdal: Any, source: Path, file: Path, what: str) -> None:
     """Refuse a GeoPackage or KML file with several layers of geometries; any of them could be meant."""
     if file.suffix.lower() not in _LAYERED:
         return
-    layers = [name for name, kind in gdal.list_layers(_source(file, what)) if kind is not None]
+    layers = [name for name, kind in gdal.list_layers(source) if kind is not None]
     if len(layers) > 1:
         shown = ", ".join(printable(str(name)) for name in layers[:5])
         raise InputError(
@@ -230,11 +265,11 @@ def _refuse_several_layers(gdal: Any, file: Path, what: str) -> None:
         )
 
 
-def _refuse_too_many(gdal: Any, file: Path, layer: str | int | None, what: str) -> None:
+def _refuse_too_many(gdal: Any, source: Path, file: Path, layer: str | int | None, what: str) -> None:
     """Refuse more features than fit the memory, where the format counts them in its header."""
     if file.suffix.lower() not in _COUNTED:
         return
-    n_features = gdal.read_info(file.absolute(), layer=layer)["features"]
+    n_features = gdal.read_info(source, layer=layer)["features"]
     if n_features > LARGEST_FEATURES:
         raise CapacityError(
             f"{what} {file} has {n_features:,} features; {LARGEST_FEATURES:,} can be read at once, cut or thin it."
@@ -296,10 +331,23 @@ def write_layers(
     facts = {name: _facts(driver, layer, crs, target, kind) for name, layer in layers.items()}
     with replacing(target, stale=stale_files(target)) as draft, gdal_bindings() as gdal:
         try:
-            for number, (name, values) in enumerate(facts.items()):
-                gdal.raw.write(draft, driver=driver, layer=name, append=number > 0, **values, **options)
+            with _named_plainly(draft) as place:
+                for number, (name, values) in enumerate(facts.items()):
+                    gdal.raw.write(place, driver=driver, layer=name, append=number > 0, **values, **options)
         except pyogrio_errors() as error:
             raise unwritable(target, error) from error
+
+
+@contextmanager
+def _named_plainly(draft: Path) -> Iterator[Path]:
+    """Yield where GDAL writes a draft: itself, or a folder whose files take its name, where its path has a `!`."""
+    if "!" not in str(draft.absolute()):
+        yield draft
+        return
+    with TemporaryDirectory(prefix="firnline-") as folder:
+        yield Path(folder) / f"draft{draft.suffix}"
+        for file in Path(folder).iterdir():
+            shutil.move(file, draft.with_suffix(file.suffix))
 
 
 def _facts(driver: str, layer: Layer, crs: CRS, target: Path, kind: str | None) -> dict[str, Any]:

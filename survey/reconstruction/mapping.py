@@ -5,9 +5,9 @@ all of them follow the same rules:
 
 * points that name keyframes, of a path whose error is known, are mapped jointly with it (gp becomes joint), unless
   ``landmark_errors`` says that they count as independent;
-* a joint map takes the prior's cells as measurements; another map is built around the prior, and points beyond its
-  edge are left out;
+* gp, dense and joint take the prior's cells as measurements; points beyond its edge are left out unless the map is joint;
 * gross blunders of the heights are left out and named in the record;
+* heights that contradict one another at one place are named, and no standard deviation there is below their scatter;
 * lines of sight bound the map when ``rays`` is set.
 
 `map_scans` maps scans one after the other.
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from survey.core import InputError, Progress, Section, check_types, same_crs
+from survey.core import FloatArray, InputError, Progress, Section, check_types, same_crs
 from survey.data import Dem, Grid, PathError, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.kernels import Kernel
@@ -33,7 +33,7 @@ from survey.reconstruction.method import (
     ReconstructionMethod,
     ScanSettings,
 )
-from survey.reconstruction.observations import sound_points, without_blunders
+from survey.reconstruction.observations import Contradictions, sound_points, with_scatter, without_blunders
 from survey.reconstruction.registry import (
     METHODS,
     LandmarkErrors,
@@ -150,14 +150,16 @@ def run_method(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain
 
         points, n_low = without_low_returns(points)
     task = _with_sound_points(replace(task, points=points))
+    points, scattered = with_scatter(task.points, task.quantity)
     # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
-        mapped = method.run(task)
+        mapped = method.run(replace(task, points=points))
     if task.rays and method.sight_lines == "truncation":
         from survey.reconstruction.line_of_sight.ceiling import below_sight_lines
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
     _require_heights(mapped.reconstruction)
+    mapped = mapped._replace(reconstruction=not_below(mapped.reconstruction, scattered))
     found: dict[str, Any] = {"n_low_returns": n_low} if uses_sight_lines else {}
     if task.blunders:
         found["blunders"] = list(task.blunders)
@@ -170,6 +172,21 @@ def _with_sound_points(task: MappingTask) -> MappingTask:
         return task
     points, blunders = sound_points(task.points, task.quantity, has_area=task.area is not None)
     return replace(task, points=points, blunders=blunders)
+
+
+# The four nodes about a place are no farther.
+_NEAR_STEPS = 1.5
+
+
+def not_below(result: Reconstruction, scattered: Contradictions | None) -> Reconstruction:
+    """Return a map whose standard deviation about places of contradicting heights is at least their scatter, and its record."""
+    if scattered is None:
+        return result
+    std = result.std
+    floor = scattered.floor(std.xy, _NEAR_STEPS * std.step_m).reshape(std.shape)
+    raised = Dem.on(std.grid(), np.maximum(std.elevation, floor), std.vertical_datum)
+    diagnostics = {**result.diagnostics, "contradictions": [scattered.facts()]}
+    return replace(result, std=raised, diagnostics=diagnostics)
 
 
 def _with_findings(mapped: MappedTerrain, found: dict[str, Any]) -> MappedTerrain:
@@ -340,18 +357,34 @@ def map_scans(
     model = method.begin(settings)
     n_scans = n_low_returns = 0
     blunders: list[dict[str, Any]] = []
+    seen: list[FloatArray] = []
     for n_scans, scan in enumerate(scans, start=1):
         without_low, n_low = without_low_returns(scan)
         accepted, found = without_blunders(without_low)
         if len(found.rows):
             blunders.append({"scan": n_scans, "sentence": found.sentence(by_row=False), **found.facts()})
         n_low_returns += n_low
+        if sum(map(len, seen)) < _MOST_COMPARED:
+            seen.append(np.column_stack([accepted.xyz, accepted.sigma_z**2]))
         model.update(accepted.select(ground(accepted.xyz)) if settings.rays else accepted)
         on_scan(n_scans)
     if n_scans == 0:
         raise InputError("there are no scans; at least one is needed.")
     result = model.grid(model.full_grid(settings.step_m) if grid is None else grid)
+    result = not_below(result, _between(np.concatenate(seen)))
     diagnostics = {**result.diagnostics, "n_low_returns": n_low_returns}
     if blunders:
         diagnostics["blunders"] = blunders
     return ScanMap(_require_heights(replace(result, diagnostics=diagnostics)), n_scans)
+
+
+# Points of scans whose places are compared with one another: 100 MB of them.
+_MOST_COMPARED = 3_000_000
+
+
+def _between(seen: FloatArray) -> Contradictions | None:
+    """Return the contradictions among the points (N, 4) of all scans: places, heights [m] and variances [m²]."""
+    found = Contradictions.among(seen[:, :2], seen[:, 2], seen[:, 3])
+    if found is not None:
+        logger.warning("%s.", found.sentence())
+    return found

@@ -3,20 +3,21 @@
 `Observations` are places, values and variances. `variance_through_slope` propagates horizontal errors to the height, to
 first order. Outliers of a fit are found by leave-one-out z-scores, and get larger variances by Huber's weights. Blunders
 are found among the points before any fit: heights that differ from those of all neighbours, feet among metres, and places
-far away.
+far away. Heights that contradict one another at one place are named, and count with their scatter.
 """
 
+import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.special import ndtri
+from scipy.special import chdtrc, ndtri
 
 from survey.core import BoolArray, FloatArray, InputError, IntArray
+from survey.core.lengths import FOOT_M
 from survey.data import SurfacePoints
-from survey.io.raster.values import FOOT_M
 from survey.reconstruction.terrain_map import ELEVATION
 
 Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -270,6 +271,141 @@ def _least_m(
 def _n_most(n: int) -> int:
     """Return how many of n points may be blunders."""
     return max(int(_MOST_SHARE * n), 1)
+
+
+# Places are one where their coordinates agree to this [m]; coordinates in whole centimetres may hide so much of a slope.
+_ONE_PLACE_M, _ROUNDED_M = 1e-4, 1e-2
+# Chance that heights that agree within their errors are named.
+_FALSE_CONTRADICTION = 0.01
+
+
+class Contradictions(NamedTuple):
+    """Places that hold heights which differ by more than their errors, in the order of the points.
+
+    `group` (N,): number of the place of each point, -1 for all others. `xy` (K, 2) [m], `n` (K,), `low`, `high` (K,) [m]:
+    places, and number and range of their heights. `scatter_m` (K,): standard deviation of these. `sigma_m`: that the first
+    place states.
+    """
+
+    group: IntArray
+    xy: FloatArray
+    n: IntArray
+    low: FloatArray
+    high: FloatArray
+    scatter_m: FloatArray
+    sigma_m: float
+
+    @classmethod
+    def among(cls, xy: FloatArray, z: FloatArray, variance: FloatArray) -> Self | None:
+        """Return the contradictions among heights (N,) with variances (N,) at places (N, 2), None where there are none.
+
+        A place counts where the sum of its squared normalised differences is too large by itself, or where the sum over all
+        places is too large and its own is larger than expected.
+        """
+        keys = np.round(xy / _ONE_PLACE_M)
+        _, group, n = np.unique(keys[:, 0] + 1j * keys[:, 1], return_inverse=True, return_counts=True)
+        group = group.ravel()
+        if (n < 2).all():
+            return None
+        # Whole metres are a lattice rather than rounded.
+        rounded = bool(np.allclose(xy, np.round(xy, 2), rtol=0.0, atol=_ONE_PLACE_M))
+        weight = 1.0 / (variance + (_ROUNDED_M**2 if rounded and not (xy == np.round(xy)).all() else 0.0))
+        mean = np.bincount(group, weight * z) / np.bincount(group, weight)
+        excess = np.bincount(group, weight * (z - mean[group]) ** 2)
+        repeated = n > 1
+        alone = chdtrc(np.maximum(n - 1, 1), excess) < _FALSE_CONTRADICTION / repeated.sum()
+        together = chdtrc((n - 1).sum(), excess[repeated].sum()) < _FALSE_CONTRADICTION
+        found = repeated & (alone | (together & (excess > n - 1)))
+        return cls._of(found, group, xy, z, variance) if found.any() else None
+
+    @classmethod
+    def _of(
+        cls, found: BoolArray, group: IntArray, xy: FloatArray, z: FloatArray, variance: FloatArray
+    ) -> Self:
+        """Return the facts of the places (K,) that were found among the groups, by the first point of each."""
+        first = np.full(len(found), len(z))
+        np.minimum.at(first, group, np.arange(len(z)))
+        chosen = np.flatnonzero(found)
+        chosen = chosen[np.argsort(first[chosen], kind="stable")]
+        number = np.full(len(found), -1)
+        number[chosen] = np.arange(len(chosen))
+        at = number[group]
+        heights = _split(z, at, len(chosen))
+        low, high, scatter = (np.array([f(h) for h in heights]) for f in (np.min, np.max, _scatter))
+        n = np.array([len(h) for h in heights])
+        return cls(at, xy[first[chosen]], n, low, high, scatter, float(np.sqrt(variance[first[chosen[0]]])))
+
+    def raised(self, variance: FloatArray) -> FloatArray:
+        """Return variances (N,) with which the mean of the heights of a place has at least their scatter."""
+        is_in = self.group >= 0
+        place = self.group[is_in]
+        result = variance.copy()
+        result[is_in] = np.maximum(result[is_in], self.n[place] * self.scatter_m[place] ** 2)
+        return result
+
+    def floor(self, xy: FloatArray, reach_m: float) -> FloatArray:
+        """Return the scatter of the nearest place within reach of each node (M,); 0 beyond."""
+        away, nearest = cKDTree(self.xy).query(xy, distance_upper_bound=reach_m)
+        near = np.isfinite(away)
+        return np.where(near, self.scatter_m[np.where(near, nearest, 0)], 0.0)
+
+    def facts(self) -> dict[str, Any]:
+        """Return their number, the first twenty, and the sentence, for the record."""
+        shown = slice(_N_NAMED)
+        return {
+            "n": len(self.n), "x_m": self.xy[shown, 0], "y_m": self.xy[shown, 1],
+            "scatter_m": np.round(self.scatter_m[shown], 3), "sentence": self.sentence(),
+        }  # fmt: skip
+
+    def sentence(self) -> str:
+        """State how many places there are, and the first with its heights and their scatter."""
+        stated = f", and errors of {self.sigma_m:.3g} m (1 σ) are stated" if self.sigma_m > 0.0 else ""
+        places = (
+            "1 place holds heights that contradict"
+            if len(self.n) == 1
+            else f"{len(self.n)} places hold heights that contradict"
+        )
+        return (
+            f"{places} one another: the first, at {self.xy[0, 0]:.2f}, {self.xy[0, 1]:.2f}, holds {self.n[0]} between {self.low[0]:.2f} and "
+            f"{self.high[0]:.2f} m, a scatter of {self.scatter_m[0]:.2f} m{stated}; the map's standard deviation there is not below the "
+            "scatter, remove the wrong ones from the file"
+        )
+
+
+def _scatter(z: FloatArray) -> float:
+    return float(np.std(z, ddof=1))
+
+
+def _split(z: FloatArray, at: IntArray, n: int) -> list[FloatArray]:
+    """Return the heights of each of n places; those of none, numbered -1, come first and are left out."""
+    order = np.argsort(at, kind="stable")
+    return np.split(z[order], np.searchsorted(at[order], np.arange(n)))[1:]
+
+
+def with_scatter(
+    points: SurfacePoints, quantity: str = ELEVATION
+) -> tuple[SurfacePoints, Contradictions | None]:
+    """Return points whose errors at places of contradicting heights allow for their scatter, and these places; the log names them.
+
+    >>> points = SurfacePoints([[0, 0, 5.0], [0, 0, 7.0], [9, 0, 5.0]], sigma_m=0.1, crs="EPSG:32608")
+    >>> raised, found = with_scatter(points)
+    >>> found.scatter_m.round(3), raised.sigma_z.round(3)
+    (array([1.414]), array([2. , 2. , 0.1]))
+    """
+    if quantity != ELEVATION:
+        return points, None
+    variance = points.sigma_z**2
+    found = Contradictions.among(points.xy, points.z, variance)
+    if found is None:
+        return points, None
+    logging.getLogger(__name__).warning("%s.", found.sentence())
+    added = found.raised(variance) - variance
+    if points.covariance is None:
+        return replace(points, sigma_m=np.sqrt(variance + added)), found
+    extra = np.zeros((len(points), 3, 3))
+    extra[:, 2, 2] = added
+    own = None if points.own_covariance is None else points.own_covariance + extra
+    return replace(points, covariance=points.covariance + extra, own_covariance=own), found
 
 
 class SoundPoints(NamedTuple):

@@ -21,6 +21,7 @@ from survey.core import (
     ReadOnlyMapping,
     existing_file,
     frozen,
+    parse_json,
     replacing,
     same_crs,
 )
@@ -345,9 +346,9 @@ def read_facts(path: Path) -> dict[str, Any]:
     """Read the description file, and refuse a damaged one."""
     file = existing_file(path, "the reconstruction's description")
     try:
-        facts: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        facts: dict[str, Any] = parse_json(file.read_bytes(), str(file), "reconstruct again")
         missing = {"method", "quantity", "hyperparameters", "diagnostics"} - set(facts)
-    except (ValueError, TypeError) as error:
+    except TypeError as error:
         raise InputError(f"{file} is damaged ({error}); reconstruct again.") from error
     if missing:
         raise InputError(f"{file} lacks {', '.join(sorted(missing))}; reconstruct again.")

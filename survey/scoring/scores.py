@@ -20,7 +20,6 @@ from affine import Affine
 from scipy.special import ndtri
 
 from survey.core import (
-    UNSTATED,
     BoolArray,
     Bounds,
     DataObject,
@@ -33,12 +32,13 @@ from survey.core import (
     same_vertical_datum,
 )
 from survey.core.arguments import check_types
-from survey.core.crs import vertical_datum_of
 from survey.data.area import SurveyArea
 from survey.data.conversions import html_table
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.io.raster import open_raster, read_window, stated_datum
+from survey.io.raster import open_raster, read_window
+from survey.io.raster.large import system_of
+from survey.io.raster.reading import log_scale
 from survey.io.raster.values import Extremes
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
@@ -308,7 +308,12 @@ BLOCK_CELLS = 1024
 
 
 def score_files(
-    map_file: str | Path, reference_file: str | Path, area: SurveyArea | None = None, *, crs: Any = None
+    map_file: str | Path,
+    reference_file: str | Path,
+    area: SurveyArea | None = None,
+    *,
+    crs: Any = None,
+    units: str | None = None,
 ) -> Score:
     """Judge a raster against a reference raster, of whatever size, block by block.
 
@@ -319,10 +324,13 @@ def score_files(
     errors, calibration = ErrorSketch(), CalibrationSketch()
     nodes = NodeCounts(0, 0, 0)
     with (
-        open_raster(existing_file(map_file, "the raster")) as map_,
-        open_raster(existing_file(reference_file, "the raster")) as reference,
+        open_raster(existing_file(map_file, "the raster"), units) as map_,
+        open_raster(existing_file(reference_file, "the raster"), units) as reference,
     ):
-        mapped, known = _Layer.of(map_, map_file, crs), _Layer.of(reference, reference_file, crs)
+        mapped, known = (
+            _Layer.of(map_, map_file, crs, units),
+            _Layer.of(reference, reference_file, crs, units),
+        )
         same_crs(mapped.crs, known.crs, "the map and the reference")
         same_vertical_datum(mapped.datum, known.datum, "the map and the reference")
         if area is not None:
@@ -359,17 +367,18 @@ class _Layer(NamedTuple):
     datum: str
     n_bands: int
     extremes: Extremes
+    units: str | None
 
     @classmethod
-    def of(cls, source: Any, path: str | Path, crs: Any) -> "_Layer":
-        wkt = source.crs.to_wkt() if source.crs else None
-        datum = stated_datum(source) or (vertical_datum_of(wkt) if wkt else UNSTATED)
+    def of(cls, source: Any, path: str | Path, crs: Any, units: str | None) -> "_Layer":
+        log_scale(source, path, units)
+        wkt, datum = system_of(source)
         # A DEM of four cells refuses what no DEM may be: rotated, south-up, oblong.
         system = agreed_crs(wkt, crs, str(path))
         Dem(np.zeros((2, 2)), source.transform, system)
         if min(source.width, source.height) < 2:
             raise InputError(f"{path} has {source.height} × {source.width} cells; at least 2 × 2 are needed.")
-        return cls(source, source.transform, system, datum, source.count, Extremes())
+        return cls(source, source.transform, system, datum, source.count, Extremes(), units)
 
     @property
     def bounds(self) -> Bounds:
@@ -386,7 +395,7 @@ class _Layer(NamedTuple):
                 yield Window(column, row, min(side, self.source.width - column), height)
 
     def read(self, band: int, block: Any) -> FloatArray:
-        values = read_window(self.source, band, block)
+        values = read_window(self.source, band, block, self.units)
         if band == 1:
             self.extremes.add(values)
         return values

@@ -1,8 +1,6 @@
 """What goes wrong first in the field: each is said in one sentence, with an exit code."""
 
 import json
-import os
-import threading
 
 import numpy as np
 import pytest
@@ -10,14 +8,13 @@ import shapely
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
-from live.link import LinkAddress
 from live.mission_items import FENCE, AutopilotMission, require_storable
 from live.mission_transfer import downloaded_route, upload
-from live.rover import Radio
 from survey import Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.route import Leg
 from survey.interchange.missions import Surroundings
+from tests.live.scripted_vehicle import ScriptedVehicle
 
 CRS = "EPSG:32608"
 CORNER = np.array([526_000.0, 6_478_000.0])
@@ -64,6 +61,28 @@ def test_an_area_of_too_many_corners_is_refused_as_a_fence():
         require_storable(mission.fence_items, FENCE, 10)
 
 
+def test_items_of_an_older_plan_have_their_place_apart(tmp_path):
+    item = {"command": 16, "frame": 3, "params": [0, 0, 0, None], "coordinate": [60.1, -139.5, 2.5]}
+    (tmp_path / "older.plan").write_text(json.dumps({"mission": {"items": [item]}}))
+    assert AutopilotMission.read(tmp_path / "older.plan").items[0].params == (
+        0,
+        0,
+        0,
+        None,
+        60.1,
+        -139.5,
+        2.5,
+    )
+
+
+@pytest.mark.parametrize("params", [[], [0, 0, 0, 0, 60.1], [0] * 8, [0, 0, 0, 0, "x", 1, 2]])
+def test_a_plan_with_an_item_of_other_numbers_is_refused(tmp_path, params):
+    plan = {"mission": {"items": [{"command": 16, "frame": 3, "params": params}]}}
+    (tmp_path / "odd.plan").write_text(json.dumps(plan))
+    with pytest.raises(InputError, match=r"odd\.plan is damaged or no mission"):
+        AutopilotMission.read(tmp_path / "odd.plan")
+
+
 def test_a_plan_without_waypoints_is_refused(folder):
     plan = {"mission": {"items": [{"command": 178, "frame": 2, "params": [1, 2, -1, 0, 0, 0, 0]}]}}
     (folder / "empty.plan").write_text(json.dumps(plan))
@@ -86,63 +105,37 @@ def test_a_rover_without_a_mission_has_none_to_download(start_rover, folder):
     assert not (folder / "downloaded.geojson").exists()
 
 
-class ArduPilotLike:
-    """A vehicle at a free port that says it is ArduPilot: it stores a mission, and has a home of its own."""
+class ArduPilotLike(ScriptedVehicle):
+    """A vehicle that says it is ArduPilot: it stores a mission, and has a home of its own."""
 
     def __init__(self, result: int = 0) -> None:
-        os.environ.setdefault("MAVLINK20", "1")
-        from pymavlink.dialects.v20 import common
+        super().__init__(self._answers, autopilot=3)
+        self.result, self.items, self.n_items = result, [], 0
 
-        self.result, self.items, self.n_items, self._common = result, [], 0, common
-        self._radio, self._over = Radio("127.0.0.1", 0), threading.Event()
-        self._station = common.MAVLink(None, 1, 1)
-        self.address = LinkAddress.parsed(f"udp://127.0.0.1:{self._radio.port}")
-        self._thread = threading.Thread(target=self._serve)
-
-    def __enter__(self) -> "ArduPilotLike":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
-        self._radio.close()
-
-    def _serve(self) -> None:
-        while not self._over.is_set():
-            data = self._radio.receive(0.05)
-            for message in (self._station.parse_buffer(data) or []) if data else []:
-                self._take(message)
-            self._send("heartbeat", 10, 3, 0, 0, 3, 3)
-
-    def _send(self, name: str, *values: float) -> None:
-        message = getattr(self._common, f"MAVLink_{name}_message")(*values)
-        self._radio.send(message.pack(self._station))
-
-    def _take(self, message) -> None:
-        kind = message.get_type()
+    def _answers(self, message) -> list[tuple]:
+        kind = "" if message is None else message.get_type()
         if kind == "MISSION_COUNT":
             self.items, self.n_items = [], message.count
             if self.result:
-                self._send("mission_ack", 255, 190, self.result, 0)
-            else:
-                self._send("mission_request_int", 255, 190, 0, 0)
-        elif kind == "MISSION_ITEM_INT" and message.seq == len(self.items):
+                return [("mission_ack", 255, 190, self.result, 0)]
+            return [("mission_request_int", 255, 190, 0, 0)]
+        if kind == "MISSION_ITEM_INT" and message.seq == len(self.items):
             self.items.append(message)
             n = len(self.items)
-            if n < self.n_items:
-                self._send("mission_request_int", 255, 190, n, 0)
-            else:
-                self._send("mission_ack", 255, 190, 0, 0)
-        elif kind == "MISSION_REQUEST_LIST":
-            self._send("mission_count", 255, 190, len(self.items), 0)
-        elif kind == "MISSION_REQUEST_INT":
+            return [
+                ("mission_request_int", 255, 190, n, 0)
+                if n < self.n_items
+                else ("mission_ack", 255, 190, 0, 0)
+            ]
+        if kind == "MISSION_REQUEST_LIST":
+            return [("mission_count", 255, 190, len(self.items), 0)]
+        if kind == "MISSION_REQUEST_INT":
             one = self.items[message.seq]
             place = (585000000, -1340000000, 12.0) if message.seq == 0 else (one.x, one.y, one.z)
             params = one.param1, one.param2, one.param3, 0.0
-            self._send(
-                "mission_item_int", 255, 190, one.seq, one.frame, one.command, 0, 1, *params, *place, 0
-            )
+            head = (255, 190, one.seq, one.frame, one.command, 0, 1)
+            return [("mission_item_int", *head, *params, *place, 0)]
+        return []
 
 
 def test_ardupilot_has_a_home_of_its_own_and_the_mission_is_equal():

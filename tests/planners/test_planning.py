@@ -16,7 +16,7 @@ from planners import (
     plan,
 )
 from planners.registry import PlannerConfig
-from survey import Dem, Grid, Route, SurveyArea
+from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.reconstruction.gp.kernels import SquaredExponential
 
 CRS = "EPSG:32608"
@@ -122,3 +122,25 @@ def test_turning_and_shifting_a_site_turns_and_shifts_its_swaths(turn_deg, shift
     back = [np.sort((swath.axis - shift) @ rotation.T, axis=0) for swath in there.swaths]
     middles = sorted(axis.mean(axis=0)[1] for axis in back)
     assert middles == pytest.approx(sorted(swath.axis[0, 1] for swath in here.swaths), abs=0.01)
+
+
+def test_a_planner_that_leaves_the_area_is_found_out(monkeypatch):
+    from planners.planning import planner_of
+
+    planner = planner_of(LawnmowerConfig(swaths=3))
+    north = SurveyArea.rectangle((0.0, 300.0, 600.0, 900.0), CRS)
+    astray = plan(north, None, LawnmowerConfig(swaths=3))
+    monkeypatch.setattr("planners.planning.planner_of", lambda _: _Astray(planner, astray))
+    with pytest.raises(InputError, match="the planned route is outside the area"):
+        plan(SITE, None, LawnmowerConfig(swaths=3))
+
+
+class _Astray:
+    def __init__(self, planner, route):
+        self._planner, self._route = planner, route
+
+    def __getattr__(self, name):
+        return getattr(self._planner, name)
+
+    def layout(self, *_):
+        return self._route

@@ -8,10 +8,11 @@ import pytest
 import shapely
 from shapely import LineString, Point, Polygon
 
-from planners.routes.shortest_paths import MAX_CORNERS, FreeGround
+from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
+from survey.data.outlines import MOST_CORNERS
 
 BOX = shapely.box(0.0, 0.0, 100.0, 100.0)
 
@@ -102,7 +103,7 @@ class TestRefusals:
 
     def test_a_million_vertices(self) -> None:
         angle = np.linspace(0.0, 2.0 * np.pi, 1_000_000, endpoint=False)
-        with pytest.raises(InputError, match=f"at most {MAX_CORNERS} can be planned on"):
+        with pytest.raises(InputError, match=f"at most {MOST_CORNERS} can be planned on"):
             FreeGround(Polygon(np.column_stack([np.cos(angle), np.sin(angle)]) * 1000.0))
 
     def test_ground_thinner_than_the_margin(self) -> None:

@@ -6,7 +6,8 @@ import shapely
 from affine import Affine
 
 from planners.routes.rover import RoverLimits
-from planners.routes.traversability import drivable, roughness
+from planners.routes.traversability import between_heights, drivable, on_free_ground, roughness
+from survey import Leg, Route
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -127,3 +128,33 @@ def test_nothing_left_is_refused_with_reasons(area: SurveyArea) -> None:
         drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(x))
     with pytest.raises(ValueError, match="max_pitch_deg"):
         RoverLimits(max_pitch_deg=0.0)
+
+
+def test_the_ground_between_two_heights_is_the_tongue(
+    area: SurveyArea, caplog: pytest.LogCaptureFixture
+) -> None:
+    _, y = nodes()
+    dem = dem_of(y)  # one metre of height for each metre to the north
+    tongue = between_heights(area, dem, below_m=40.0)
+    # The first cell outside, at 41 m, is left out with half a cell around it.
+    assert tongue.bounds == pytest.approx((0.0, 0.0, 100.0, 40.0), abs=0.6)
+    assert "lies below 40 m; the rest is left out" in caplog.text
+    band = between_heights(area, dem, above_m=20.0, below_m=40.0)
+    assert band.bounds == pytest.approx((0.0, 20.0, 100.0, 40.0), abs=0.6)
+    with pytest.raises(InputError, match=r"lies above 200 m of the prior \(its heights are -10 to 110 m\)"):
+        between_heights(area, dem, above_m=200.0)
+    void = dem_of(np.where(y < 30.0, np.nan, y))
+    assert between_heights(area, void, below_m=60.0).bounds == pytest.approx(
+        (0.0, 30.0, 100.0, 60.0), abs=0.6
+    )
+
+
+@pytest.mark.parametrize("line", [[[10.0, 10.0], [110.0, 10.0]], [[10.0, 50.0], [90.0, 50.0]]])
+def test_a_route_that_leaves_the_free_ground_is_refused(line: list[list[float]]) -> None:
+    area = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), CRS, no_go=(shapely.box(40.0, 40.0, 60.0, 60.0),))
+    with pytest.raises(
+        InputError, match=r"outside the area or in a no-go zone for (10|9\.99|20|19\.98)[.0-9]* m, first at"
+    ):
+        on_free_ground(Route((Leg("swath", line),), area.crs, "line"), area)
+    near = Route((Leg("swath", [[10.0, -0.001], [90.0, -0.001]]),), area.crs, "line")
+    assert on_free_ground(near, area) is near

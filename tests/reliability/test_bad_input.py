@@ -137,7 +137,7 @@ MISSIONS: list[Case] = [
     ("folder instead of a raster", DEM_MISSION, folder_as_raster, RUN, 3, "is a folder"),
     ("raster without CRS", DEM_MISSION, without_crs, RUN, 3, "no coordinate reference system"),
     ("metres called degrees", DEM_MISSION, in_degrees, RUN, 3, "assign the CRS that its metres count in"),
-    ("raster in feet", DEM_MISSION, in_feet, RUN, 3, "foot"),
+    ("raster in feet", DEM_MISSION, in_feet, RUN, 3, "survey feet"),
     ("all nodata", DEM_MISSION, all_nodata, RUN, 3, "no height at all"),
     ("1 × 1 raster", DEM_MISSION, one_cell, RUN, 3, "at least 2 × 2"),
     ("rotated raster", DEM_MISSION, rotated, RUN, 3, "rotated"),

@@ -7,7 +7,7 @@ deviations, and `in_order` leaves out messages that repeat a time or come late. 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -151,6 +151,7 @@ _KINDS = {
 }
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _SAMPLED_EVERY = 10  # images that are checked for size and depth before any is used
+_MOST_NAMED = 8
 _BASES = ("base_footprint", "base_link")
 
 
@@ -197,6 +198,13 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
                 f"{place} holds no images (sensor_msgs Image or CompressedImage); name another bag."
             )
         found = _read_messages(reader, taken)
+        unread = sorted(
+            {f"{one.topic} ({one.msgtype})" for one in reader.connections}
+            - {f"{topic} ({kind})" for name, topic in taken.items() for kind in _KINDS[name]}
+            - {f"/tf_static ({_TRANSFORMS})"}
+        )
+    if unread:
+        found.notes.append(f"not read: {', '.join(unread[:_MOST_NAMED])}{_and_more(len(unread))}")
     return _sequence(place, taken, found, camera)
 
 
@@ -215,6 +223,11 @@ class _Found:
     inertial_frame: str
     odometry: list[tuple[float, ...]]
     mounted: dict[str, tuple[str, FloatArray]]
+    notes: list[str] = field(default_factory=list)
+
+
+def _and_more(n: int) -> str:
+    return f" and {n - _MOST_NAMED} more" if n > _MOST_NAMED else ""
 
 
 def _chosen_topics(connections: Sequence[Any], topics: Sequence[str], place: Path) -> dict[str, str]:
@@ -314,7 +327,7 @@ def _note_left_out(notes: list[str], topic: str, stays: BoolArray) -> None:
 
 
 def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera | None) -> ImageSequence:
-    notes = [f"{kind} from {topic}" for kind, topic in taken.items()]
+    notes = [*(f"{kind} from {topic}" for kind, topic in taken.items()), *found.notes]
     numbers = _ordered(found, taken, notes)
     if camera is None:
         if found.calibration is None:

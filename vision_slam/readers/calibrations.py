@@ -1,5 +1,6 @@
 """Calibrations of cameras: camera.toml, and the YAML files of ROS, OpenCV, Kalibr and ORB-SLAM."""
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,10 +9,12 @@ import numpy as np
 import yaml
 
 from survey import Camera, InputError
+from survey.core import refusing_damage
 from vision_slam.readers.images import read_text
 
 # Where x right, y down, z forward lie on a body with x forward, y left, z up.
 FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+_CAMERA = re.compile(r"cam\d+")
 _FISHEYE = {"equidistant", "fisheye", "kannalabrandt8"}
 _PINHOLE = {"plumb_bob", "radtan", "radial-tangential", "rational_polynomial", "pinhole", "none", ""}
 
@@ -42,13 +45,14 @@ def read_calibration(path: str | Path) -> tuple[Camera, tuple[str, ...]]:
             f"{file} is no calibration of ROS, OpenCV, Kalibr or ORB-SLAM; write its numbers to a camera.toml, and name that."
         )
     try:
-        camera = _camera(read(given))
+        with refusing_damage("the calibration", "complete one", "export it again"):
+            camera = _camera(read(given))
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"{file} is no complete calibration ({error!r}); export it again.") from error
     note = f"{file.name}: the camera is taken to look straight ahead; its place on the body is not read from YAML"
-    return camera, (note,)
+    others = sorted(key for key in given if _CAMERA.fullmatch(key) and key != "cam0")
+    unread = (f"{file.name}: the first camera is taken, not {', '.join(others)}",) if others else ()
+    return camera, (note, *unread)
 
 
 def calibrated_camera(place: Path) -> Camera:
@@ -64,11 +68,8 @@ def calibrated_camera(place: Path) -> Camera:
 def _parsed(file: Path) -> dict[str, Any]:
     """Return the keys of a YAML file, in lower case; OpenCV's own marks are no YAML."""
     text = read_text(file, "the calibration").replace("%YAML:1.0", "").replace("!!opencv-matrix", "")
-    try:
+    with refusing_damage(str(file), "valid YAML", "correct that place"):
         given = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        words = " ".join(str(error).split())
-        raise InputError(f"{file} is not valid YAML ({words}); correct that place.") from error
     if not isinstance(given, dict):
         raise InputError(f"{file} holds no keys; a calibration was expected.")
     return {str(key).lower(): value for key, value in given.items()}

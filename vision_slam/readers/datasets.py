@@ -110,14 +110,14 @@ def read_tum_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     return assemble_sequence(camera, np.array(times), files, reference=reference)
 
 
-_RAW_CAMERAS = ("image_00", "image_02")
+RAW_CAMERAS = ("image_00", "image_02")
 _RAW_CALIBRATION = "calib_cam_to_cam.txt"
 _LEAST_OXTS = 6  # latitude, longitude, height, roll, pitch, yaw
 
 
 def raw_camera_folder(place: Path) -> Path | None:
     """Return the folder of the left camera of a raw KITTI recording; None for other layouts."""
-    return next((place / name for name in _RAW_CAMERAS if (place / name / "data").is_dir()), None)
+    return next((place / name for name in RAW_CAMERAS if (place / name / "data").is_dir()), None)
 
 
 def read_kitti_raw(place: Path, camera: Camera | None) -> ImageSequence:

@@ -2,7 +2,8 @@
 
 `read_gps` recognizes a file by its suffix or content and returns a `GpsLog`. `read_fix_table` reads tables of other
 programs by the usual names of columns, with times as numbers or dates, or with columns that the user names.
-`read_positions` reads the ``.pos`` files of RTKLIB and converts GPS time to UTC. Raw observations (RINEX) are refused.
+`read_positions` reads the ``.pos`` files of RTKLIB and converts GPS time to UTC. `is_receiver_log` says whether a file is a
+log of fixes and no table of points. Raw observations (RINEX) are refused.
 """
 
 import csv
@@ -15,6 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from survey.core import ConfigError, FloatArray, InputError, existing_file, first_line, printable
+from survey.core.lengths import log_converted
+from survey.core.time_units import PER_SECOND, declared_unit, plain_unit
 from survey.io.column_names import (
     OWN_NAMES,
     ColumnNames,
@@ -28,7 +31,17 @@ from survey.io.column_names import (
 from survey.io.tables import read_table
 from survey.io.text_tables import Axis, TextTable, read_text_table, refuse_clock_numbers, refuse_hemispheres
 from survey.io.trajectory_files import read_gpx
-from vision_slam.readers.receiver_logs import SYNC, read_gnss_logger, read_nmea, read_ublox
+from vision_slam.readers.receiver_logs import (
+    SYNC,
+    decimal_degrees,
+    gps_week_s,
+    is_grafnav,
+    leap_s,
+    read_gnss_logger,
+    read_grafnav,
+    read_nmea,
+    read_ublox,
+)
 from vision_slam.readers.sequence import DATED_S, WGS84, GpsLog, ReceiverFixes, axis_sigma_m, usable
 
 _DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
@@ -56,13 +69,27 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
     return _usable(_READERS[kind](file), file)
 
 
+RECEIVER_ENDINGS = (".gpx", ".nmea", ".pos", ".ubx")
+"""Endings of logs of fixes; other endings, such as ``.txt``, are recognized by their content."""
+_TEXT_ENDINGS = (".txt", ".log", ".asc", ".dat", "")
+
+
+def is_receiver_log(path: str | Path) -> bool:
+    """Return whether a file is a log of fixes: by its ending, or a text by the marks that no table of points has."""
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix in RECEIVER_ENDINGS or suffix not in _TEXT_ENDINGS or not file.is_file():
+        return suffix in RECEIVER_ENDINGS
+    with file.open("rb") as stream:
+        lines = stream.read(_SNIFFED_BYTES).decode("utf-8", errors="replace").splitlines()
+    starts = ("Fix,", "# Fix,", "%  GPST", "%  UTC", "% GPST", "% UTC")
+    return any(line.startswith(starts) or _NMEA_FIX.search(line) for line in lines) or is_grafnav(lines)
+
+
 def _usable(log: GpsLog, file: Path) -> GpsLog:
     """Leave out fixes that are not finite, repeat the one before or lie at 0° N 0° E, with notes."""
     stays, notes = usable(log.time_s, log.place, log.sigma_m, str(file))
-    sigma_m = None if log.sigma_m is None else log.sigma_m[stays]
-    log = replace(
-        log, time_s=log.time_s[stays], place=log.place[stays], sigma_m=sigma_m, notes=(*log.notes, *notes)
-    )
+    log = replace(log.select(stays), notes=(*log.notes, *notes))
     return log.without_zero_places(str(file))
 
 
@@ -85,6 +112,8 @@ def _kind_of(file: Path) -> str:
         )
     if any(line.startswith(("Fix,", "# Fix,")) for line in lines):
         return ".txt"
+    if is_grafnav(head.decode("utf-8", errors="replace").splitlines()):
+        return _GRAFNAV
     if any("$G" in line and "," in line for line in lines):
         return ".nmea"
     plain = next((line for line in lines if line and not line.startswith(("%", "#"))), "")
@@ -96,12 +125,14 @@ def _kind_of(file: Path) -> str:
 
 def _from_gpx(file: Path) -> GpsLog:
     unix_s, place = read_gpx(file, WGS84)
-    return GpsLog(unix_s, place, is_dated=True)
+    n_apart = len(_APART.findall(file.read_bytes()))
+    notes = (f"{n_apart} points of {file} that stand outside of its tracks (wpt, rtept) are not read",)
+    return GpsLog(unix_s, place, is_dated=True, notes=notes if n_apart else ())
 
 
 def _from_positions(file: Path) -> GpsLog:
-    time_s, place, sigma_m = read_positions(file)
-    return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m)
+    time_s, place, sigma_m, sigma_z_m = read_positions(file)
+    return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m, sigma_z_m=sigma_z_m)
 
 
 def _log_of(read: Callable[[Path], ReceiverFixes]) -> Callable[[Path], GpsLog]:
@@ -134,16 +165,21 @@ def _from_table(file: Path) -> GpsLog:
     table = read_table(file, names, what="the table of fixes")
     rows = np.column_stack([table[name] for name in names])
     sigma_m = table.get("sigma_m")
+    unread = [name for name in header if name not in (*names, "sigma_m")]
+    notes = (printable(f"{file}: columns that are not used: {', '.join(unread)}"),) if unread else ()
     if sigma_m is not None and not (sigma_m > 0.0).all():
         raise InputError(
             f"{file} holds a sigma_m that is not above 0; write the error of each fix in metres."
         )
     if names is _METRES:
-        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m)
-    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m)
+        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m, notes=notes)
+    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m, notes=notes)
 
 
+_APART = re.compile(rb"<(?:\w+:)?(?:wpt|rtept)[\s>]")
 _SNIFFED_BYTES, _SYNC_WITHIN = 65536, 4096
+_GRAFNAV = "GrafNav"
+_NMEA_FIX = re.compile(r"\$G[A-Z]GGA,")
 _RTKLIB_LINE = re.compile(r"(\d{4}[/-]\d{2}[/-]\d{2}[ ,]+\d{1,2}:\d{2}:|\d{4}[ ,]+\d{1,6}\.\d+[ ,])")
 _READERS: dict[str, Callable[[Path], GpsLog]] = {
     ".gpx": _from_gpx,
@@ -152,12 +188,11 @@ _READERS: dict[str, Callable[[Path], GpsLog]] = {
     ".csv": _from_table,
     ".nmea": _log_of(read_nmea),
     ".txt": _log_of(read_gnss_logger),
+    _GRAFNAV: _log_of(read_grafnav),
 }
 
 
-KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
-# Unix times beyond these count nano-, micro- and milliseconds.
-_UNIX_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
+KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy", "sigma_z")}
 _RADII = ("acc",)  # accuracy, hAcc
 _CLOCK = re.compile(r"\d{1,2}:\d{2}:")
 _DAY_FIRST = re.compile(r"^(\d{2})\.(\d{2})\.(\d{4})\b")
@@ -176,7 +211,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     table = table._replace(header=rename_header(table.header, given, table.where))
     names = _column_names(table)
     date = _date_column(table, names["time"])
-    time_s, unit = _column_of_times(table, names["time"], date)
+    time_s, unit = _column_of_times(table, names["time"], given.get("time_s", names["time"]), date)
     is_geodetic = "longitude" in names
     first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
     kinds = (first, second, "height")
@@ -199,6 +234,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
         is_geodetic=is_geodetic,
         is_dated=bool(time_s[0] > DATED_S),
         notes=(read.sentence(str(file)).rstrip(".") + unit, *_gps_time_notes(read.columns["time"])),
+        sigma_z_m=_positive_metres(table, names["sigma_z"]) if "sigma_z" in names else None,
     )
 
 
@@ -215,7 +251,18 @@ def _column_names(table: TextTable) -> dict[str, str]:
     """Return the columns of time, place, height and error by what they hold; metres before degrees."""
     header, where = table.header, table.where
     found: dict[str, str] = {}
-    for kind in ("time", "x", "y", "easting", "northing", "longitude", "latitude", "height", "sigma_xy"):
+    for kind in (
+        "time",
+        "x",
+        "y",
+        "easting",
+        "northing",
+        "longitude",
+        "latitude",
+        "height",
+        "sigma_xy",
+        "sigma_z",
+    ):
         name = one_column(kind, header, where)
         if name is not None:
             found[kind] = name
@@ -243,7 +290,9 @@ def _unused_columns(table: TextTable, names: dict[str, str]) -> tuple[str, ...]:
 
 
 def _column_in_metres(table: TextTable, name: str, axis: Axis | None = None) -> FloatArray:
-    return metres_factor(name) * table.numbers(name, axis)
+    metres = metres_factor(name)
+    log_converted(f"{table.where}, column {name},", [("numbers", metres)])
+    return metres * table.numbers(name, axis)
 
 
 def _column_of_sigma_m(table: TextTable, names: dict[str, str], given: dict[str, str]) -> FloatArray | None:
@@ -251,13 +300,19 @@ def _column_of_sigma_m(table: TextTable, names: dict[str, str], given: dict[str,
     if "sigma_xy" not in names:
         return None
     name = names["sigma_xy"]
+    stated = _positive_metres(table, name)
+    is_radius = any(part in normalize(given.get(name, name)) for part in _RADII)
+    return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
+
+
+def _positive_metres(table: TextTable, name: str) -> FloatArray:
+    """Return a column of errors in metres, or refuse one that is not above 0."""
     stated = _column_in_metres(table, name)
     if not (stated > 0.0).all():
         raise InputError(
             f"{table.where} holds an error that is not above 0 in the column {name}; correct it."
         )
-    is_radius = any(part in normalize(given.get(name, name)) for part in _RADII)
-    return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
+    return stated
 
 
 def _date_column(table: TextTable, name: str) -> str | None:
@@ -265,15 +320,16 @@ def _date_column(table: TextTable, name: str) -> str | None:
     return one_column("date", table.header, table.where) if _CLOCK.match(table.texts(name)[0]) else None
 
 
-def _column_of_times(table: TextTable, name: str, date: str | None) -> tuple[FloatArray, str]:
-    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds."""
+def _column_of_times(table: TextTable, name: str, given: str, date: str | None) -> tuple[FloatArray, str]:
+    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds.
+
+    `given`: its name in the file, which may state a unit.
+    """
     if table.is_number(name, 0):
         numbers = table.numbers(name)
         refuse_clock_numbers(numbers, f"{table.where}, column {name}")
-        for least, factor, word in _UNIX_UNITS:
-            if numbers[0] > least:
-                return factor * numbers, f", times are Unix {word}"
-        return numbers, ""
+        unit = declared_unit(given) or plain_unit(numbers)
+        return (numbers, "") if unit is None else (numbers / PER_SECOND[unit], f", times are {unit}")
     days = ("",) * len(table.rows) if date is None else table.texts(date)
     return _column_of_dates(table, name, days), ", times are dates"
 
@@ -297,14 +353,10 @@ def _column_of_dates(table: TextTable, name: str, days: Sequence[str]) -> FloatA
 
 # Least standard deviation of a solution of each quality [m]; RTKLIB states the noise alone.
 _LEAST_SIGMA_M = {1: 0.01, 2: 0.05, 3: 0.5, 4: 0.5, 5: 1.0, 6: 0.05}
-_GPS_EPOCH_S = 315964800.0  # 6 January 1980
-_WEEK_S = 604800.0
-# Unix times from which GPS time is ahead of UTC by so many seconds.
-_LEAPS = ((1483228800.0, 18.0), (1435708800.0, 17.0), (1341100800.0, 16.0), (1230768000.0, 15.0))
 _LEAST_RTKLIB_WORDS = 10
 
 
-def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
+def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Read the positions of a file in degrees.
 
     Times may be dates or GPS week and seconds; GPS time is converted to UTC. Angles may be degrees or degrees,
@@ -312,7 +364,7 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     are at least 1 cm for fixed, 5 cm for float and 1 m for single solutions.
 
     Returns `time_s` (N,): unix times [s]. `place` (N, 3): longitude, latitude [deg] and ellipsoidal height
-    [m]. `sigma_m` (N,): horizontal standard deviation of each position [m].
+    [m]. `sigma_m`, `sigma_z_m` (N,): standard deviation of each position, horizontal and of its height [m].
     """
     rows, is_utc, has_minutes = [], False, False
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -328,8 +380,8 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     if not rows:
         raise InputError(f"{file} holds no positions; process the observations again.")
     table = np.array(rows)
-    time_s = table[:, 0] if is_utc else table[:, 0] - _leap_s(table[:, 0])
-    return time_s, table[:, 1:4], table[:, 4]
+    time_s = table[:, 0] if is_utc else table[:, 0] - leap_s(table[:, 0])
+    return time_s, table[:, 1:4], table[:, 4], table[:, 5]
 
 
 def _refuse_other_positions(header: str, file: Path) -> None:
@@ -352,50 +404,33 @@ def _with_degrees(words: list[str], where: str) -> list[str]:
         raise InputError(
             f"{where}: {len(words)} values; degrees, minutes and seconds of both angles were expected."
         )
-    angles = [_rtklib_degrees(words[k : k + 3], where) for k in (2, 5)]
+    angles = [repr(decimal_degrees(words[k : k + 3], where)) for k in (2, 5)]
     return [*words[:2], *angles, *words[8:]]
 
 
-def _rtklib_degrees(parts: list[str], where: str) -> str:
-    """Return an angle of degrees, minutes and seconds in degrees; the sign stands before the degrees, −0 too."""
-    try:
-        degrees, minutes, seconds = map(float, parts)
-    except ValueError as error:
-        raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
-    size = abs(degrees) + minutes / 60.0 + seconds / 3600.0
-    return repr(-size if parts[0].startswith("-") else size)
-
-
-def _rtklib_position(words: list[str], where: str) -> tuple[float, float, float, float, float]:
-    """Return time [s], longitude, latitude [deg], height and standard deviation [m] of one line."""
+def _rtklib_position(words: list[str], where: str) -> tuple[float, ...]:
+    """Return time [s], longitude, latitude [deg], height and standard deviations across and of the height [m] of one line."""
     if len(words) < _LEAST_RTKLIB_WORDS:
         raise InputError(
             f"{where}: {len(words)} values; time, latitude, longitude, height, quality, satellites and three "
             "standard deviations were expected."
         )
     try:
-        latitude, longitude, height, quality, _, north, east = map(float, words[2:9])
+        latitude, longitude, height, quality, _, north, east, upward = map(float, words[2:10])
         time_s = _rtklib_time_s(words[0], words[1])
     except ValueError as error:
         raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
     if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 360.0):
         raise InputError(f"{where}: {latitude}, {longitude} are no degrees; write latitude and longitude.")
     sigma_m = float(np.sqrt(0.5 * (north**2 + east**2)))
-    return time_s, longitude, latitude, height, max(sigma_m, _LEAST_SIGMA_M.get(int(quality), 1.0))
+    least_m = _LEAST_SIGMA_M.get(int(quality), 1.0)
+    return time_s, longitude, latitude, height, max(sigma_m, least_m), max(upward, least_m)
 
 
 def _rtklib_time_s(first: str, second: str) -> float:
     """Return seconds since 1970 of a date and time of day, or of a GPS week and its seconds."""
     if "/" not in first and "-" not in first:
-        return _GPS_EPOCH_S + _WEEK_S * float(first) + float(second)
+        return gps_week_s(float(first), float(second))
     day = datetime.strptime(first.replace("-", "/") + "+0000", "%Y/%m/%d%z").astimezone(UTC).timestamp()
     hours, minutes, seconds = second.split(":")
     return day + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds)
-
-
-def _leap_s(time_s: FloatArray) -> FloatArray:
-    """Return by how much GPS time is ahead of UTC (N,) [s]."""
-    ahead = np.full(len(time_s), 14.0)
-    for since_s, leap_s in reversed(_LEAPS):
-        ahead[time_s >= since_s] = leap_s
-    return ahead

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from survey import Camera, InputError
 from survey.core import FloatArray, existing_file
+from survey.core.time_units import LONGEST_IMAGE_STEP_S, PER_SECOND, plain_unit
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial
 from vision_slam.readers.photos import natural_key, read_photo
@@ -212,12 +213,6 @@ def read_text(path: str | Path, what: str) -> str:
         ) from error
 
 
-# Names of units, their number per second, and times since 1970 and intervals between images that are in them.
-_TIME_UNITS = (
-    ("nanoseconds", 1e9, 1e17, 1e6),
-    ("microseconds", 1e6, 1e14, 2e3),
-    ("milliseconds", 1e3, 1e11, np.inf),
-)
 _NO_ROTATION = 1e-2  # of the product of a matrix and its transpose
 
 
@@ -232,7 +227,8 @@ def assemble_sequence(
     images = images_of(files)
     refuse_other_sizes(files, camera)
     time_s, poses = reference or (None, None)
-    frame_s, unit_note = seconds_of(times)
+    frame_s, unit_note = seconds_of(times, "images")
+    reference_s, reference_note = (None, ()) if time_s is None else seconds_of(time_s, "reference poses")
     try:
         frames = Frames(frame_s, images)
     except InputError as error:
@@ -241,25 +237,24 @@ def assemble_sequence(
         camera,
         frames,
         inertial=inertial,
-        reference_time_s=None if time_s is None else seconds_of(time_s)[0],
+        reference_time_s=reference_s,
         reference=poses,
-        notes=(*unit_note, *images.notes),
+        notes=(*unit_note, *reference_note, *images.notes),
     )
 
 
-def seconds_of(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return times of images in seconds, and a note where their size or interval shows another unit.
+def seconds_of(times: FloatArray, what: str) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return times in seconds, and a note where their size or interval shows another unit.
 
-    >>> seconds_of(np.array([5e12, 5.1e12]))[1]
+    >>> seconds_of(np.array([5e12, 5.1e12]), "images")[1]
     ('the times of the images were taken as nanoseconds',)
-    >>> seconds_of(np.array([0.0, 0.1]))[1]
+    >>> seconds_of(np.array([0.0, 0.1]), "images")[1]
     ()
     """
-    interval = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    for name, per_second, since_1970, least_interval in _TIME_UNITS:
-        if times[0] > since_1970 or interval > least_interval:
-            return times / per_second, (f"the times of the images were taken as {name}",)
-    return times, ()
+    unit = plain_unit(times, LONGEST_IMAGE_STEP_S)
+    if unit is None:
+        return times, ()
+    return times / PER_SECOND[unit], (f"the times of the {what} were taken as {unit}",)
 
 
 def image_files(folder: Path) -> list[Path]:

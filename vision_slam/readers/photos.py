@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from survey import Camera, InputError
-from survey.core import FloatArray, first_line
+from survey.core import FloatArray, refusing_damage
 from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
 
 _STAMP = re.compile(
@@ -106,7 +106,13 @@ _EXIF_FOLDER, _GPS_FOLDER = 0x8769, 0x8825
 _ORIENTATION, _FOCAL_MM, _FOCAL_35_MM = 274, 37386, 41989
 _PLANE_X, _PLANE_UNIT, _WIDTH = 41486, 41488, 40962
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
-_GPS_SIGMA = 31
+_GPS_SIGMA, _GPS_DATUM = 31, 18
+_DATUMS = ("", "WGS84", "WGS1984", "ETRS89", "UNKNOWN")
+_SIGNS = {1: {"N": 1.0, "S": -1.0}, 3: {"E": 1.0, "W": -1.0}}
+_ABOVE = {0: 1.0, 1: -1.0}  # the sea, by GPSAltitudeRef
+_MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG, _MOST_ALTITUDE_M = 90.0, 180.0, 1e4
+_PLACES_IN_XMP = (b"GPSLatitude", b"GpsLatitude")
+_NO_POSITION, _IN_XMP = "no latitude, longitude and altitude", "a position in XMP alone, which is not read"
 _OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
 
 
@@ -117,7 +123,7 @@ class Photo(NamedTuple):
     ``orientation`` (EXIF 1 to 8). ``time_s`` is Unix time, of UTC where ``has_offset`` or where
     a position states it; ``focal_px`` is from the sensor's resolution, ``focal_35_mm`` the
     equivalent of 35 mm film; ``place`` is longitude, latitude [deg] and altitude [m], with
-    ``radius_m`` around it.
+    ``radius_m`` around it. ``lacks`` is why there is no place, and empty where the header has no position at all.
     """
 
     file: Path
@@ -132,6 +138,7 @@ class Photo(NamedTuple):
     focal_35_mm: float | None = None
     place: tuple[float, float, float] | None = None
     radius_m: float | None = None
+    lacks: str = ""
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -143,39 +150,36 @@ def read_photo(file: Path) -> Photo:
     """Read the header of an image file."""
     from PIL import Image
 
-    try:
-        with Image.open(file) as image:
-            width, height = image.size
-            exif = image.getexif()
+    with refusing_damage(str(file), "image that can be read"), Image.open(file) as image:
+        width, height = image.size
+        exif = image.getexif()
+        with refusing_damage(f"the EXIF of {file}", "EXIF", "strip it and add frames.csv"):
             inner, gps = dict(exif.get_ifd(_EXIF_FOLDER)), dict(exif.get_ifd(_GPS_FOLDER))
-            return _photo(file, width, height, {**dict(exif), **inner}, gps)
-    except (OSError, Image.DecompressionBombError) as error:
-        raise InputError(
-            f"{file} is no image that can be read ({first_line(error)}); it may be cut off, get it again."
-        ) from error
-    except (ValueError, TypeError, KeyError, SyntaxError, ZeroDivisionError, OverflowError) as error:
-        raise InputError(
-            f"{file} has damaged EXIF ({first_line(error)}); get it again, or strip the EXIF and add frames.csv."
-        ) from error
+            in_xmp = any(mark in bytes(image.info.get("xmp", b"")) for mark in _PLACES_IN_XMP)
+            return _photo(file, (width, height), {**dict(exif), **inner}, gps, in_xmp)
 
 
-def _photo(file: Path, width: int, height: int, tags: dict[int, Any], gps: dict[int, Any]) -> Photo:
+def _photo(
+    file: Path, size: tuple[int, int], tags: dict[int, Any], gps: dict[int, Any], in_xmp: bool
+) -> Photo:
+    place, lacks = _gps_place(gps)
+    radius_m = _gps_number(gps.get(_GPS_SIGMA))
     time_s, has_offset, has_subseconds = _exposure_time(tags)
     orientation = int(tags.get(_ORIENTATION, 1))
     focal_35 = float(tags.get(_FOCAL_35_MM, 0.0) or 0.0)
     return Photo(
         file,
-        width,
-        height,
+        *size,
         orientation if 1 <= orientation <= 8 else 1,
         time_s,
         has_offset,
         has_subseconds,
         _gps_time(gps),
-        _focal_px(tags, width),
+        _focal_px(tags, size[0]),
         focal_35 if focal_35 > 0.0 else None,
-        _gps_place(gps),
-        float(gps[_GPS_SIGMA]) if float(gps.get(_GPS_SIGMA, 0.0)) > 0.0 else None,
+        place,
+        radius_m if radius_m > 0.0 else None,
+        _IN_XMP if in_xmp and lacks in ("", _NO_POSITION) and place is None else lacks,
     )
 
 
@@ -220,21 +224,45 @@ def _focal_px(tags: dict[int, Any], width: int) -> float | None:
     return focal * per_unit / unit_mm
 
 
-def _gps_place(gps: dict[int, Any]) -> tuple[float, float, float] | None:
-    """Return longitude, latitude [deg] and altitude [m]; None where one is missing."""
-    if not {1, 2, 3, 4, 6} <= gps.keys():
-        return None
-    latitude = _gps_degrees(gps[2]) * (-1.0 if str(gps[1]).upper().startswith("S") else 1.0)
-    longitude = _gps_degrees(gps[4]) * (-1.0 if str(gps[3]).upper().startswith("W") else 1.0)
-    below = gps.get(5, 0) in (1, b"\x01")
-    place = longitude, latitude, -float(gps[6]) if below else float(gps[6])
-    # Phones write zeros, and cameras 0/0, before the first fix.
-    return place if all(map(math.isfinite, place)) and (latitude, longitude) != (0.0, 0.0) else None
+def _gps_place(gps: dict[int, Any]) -> tuple[tuple[float, float, float] | None, str]:
+    """Return longitude, latitude [deg] and altitude [m], or None and what the position lacks."""
+    if not gps:
+        return None, ""
+    (latitude, longitude), altitude_m = map(_gps_degrees, (gps.get(2), gps.get(4))), _gps_number(gps.get(6))
+    north, east = (
+        marks.get(str(gps.get(tag, "")).strip("\0 ").upper()[:1], math.nan) for tag, marks in _SIGNS.items()
+    )
+    # Cameras that state no reference mean heights above the sea, as EXIF has it.
+    reference = int.from_bytes(gps[5]) if isinstance(gps.get(5), bytes) else gps.get(5, 0)
+    above = _ABOVE.get(reference, math.nan)
+    datum = str(gps.get(_GPS_DATUM, "")).strip("\0 ")
+    on_earth = 0.0 <= latitude <= _MOST_LATITUDE_DEG and 0.0 <= longitude <= _MOST_LONGITUDE_DEG
+    faults = {
+        _NO_POSITION: not {2, 4, 6} & gps.keys(),
+        "no latitude and longitude on the Earth": not on_earth,
+        "no hemisphere (GPSLatitudeRef N or S, GPSLongitudeRef E or W)": math.isnan(north + east),
+        f"a position in the datum {datum[:40]!r}, not WGS 84": re.sub(r"[\W_]", "", datum.upper())
+        not in _DATUMS,
+        "a position of 0° N 0° E, which means none": latitude == longitude == 0.0,  # phones before a fix
+        "no altitude on the Earth": not abs(altitude_m) <= _MOST_ALTITUDE_M,
+        "an altitude above something else than the sea": math.isnan(above),
+    }
+    lacks = next((words for words, is_so in faults.items() if is_so), "")
+    return None if lacks else (east * longitude, north * latitude, above * altitude_m), lacks
 
 
 def _gps_degrees(parts: Any) -> float:
-    degrees, minutes, seconds = (float(part) for part in parts)
-    return degrees + minutes / 60.0 + seconds / 3600.0
+    """Return an angle of degrees, or of degrees, minutes and seconds; NaN where it is none."""
+    values = [_gps_number(part) for part in (parts if isinstance(parts, tuple | list) else (parts,))]
+    return sum(value / 60.0**k for k, value in enumerate(values)) if 1 <= len(values) <= 3 else math.nan
+
+
+def _gps_number(value: Any) -> float:
+    """Return a number of EXIF; NaN where it is missing or none, such as a ratio to 0."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return math.nan
 
 
 def _gps_time(gps: dict[int, Any]) -> float | None:
@@ -357,8 +385,10 @@ def photo_camera(photos: Sequence[Photo], mounted: FloatArray) -> tuple[Camera, 
     )
 
 
-def photo_fixes(photos: Sequence[Photo], times: PhotoTimes) -> ReceiverFixes | None:
-    """Return the positions in EXIF as fixes at the times of the images; None where fewer than two differ.
+def photo_fixes(photos: Sequence[Photo], times: PhotoTimes) -> tuple[ReceiverFixes | None, tuple[str, ...]]:
+    """Return the positions in EXIF as fixes at the times of the images, and what was left out.
+
+    Returns: None where fewer than two positions differ, and notes.
 
     A position that repeats the one before is left out: phones go on writing the last one. The
     error that EXIF states counts as the radius of 68 %; without one, 5 m are taken.
@@ -373,15 +403,33 @@ def photo_fixes(photos: Sequence[Photo], times: PhotoTimes) -> ReceiverFixes | N
             n_repeated += 1
             continue
         rows.append((time_s, *photo.place, photo.radius_m or _PHONE_RADIUS_M))
+    left_out = _left_out(photos)
     if len(rows) < 2:
-        return None
+        alone = f"EXIF states one position for {1 + n_repeated} images, which is no path and not used"
+        return None, (*left_out, alone) if rows else left_out
     table = np.array(rows)
     stated = all(photo.radius_m is not None for photo in photos if photo.place is not None)
     note = f"{len(rows)} fixes from EXIF" + (
         "" if stated else f", of {_PHONE_RADIUS_M:g} m where EXIF states no error"
     )
     note += f"; {n_repeated} that repeat the one before are left out" if n_repeated else ""
-    return ReceiverFixes(table[:, 0], table[:, 1:4], axis_sigma_m(table[:, 4]), notes=(note,))
+    return ReceiverFixes(table[:, 0], table[:, 1:4], axis_sigma_m(table[:, 4]), notes=(note,)), left_out
+
+
+def _left_out(photos: Sequence[Photo]) -> tuple[str, ...]:
+    """Return notes of the images whose position cannot be used, by what it lacks."""
+    lacking: dict[str, list[Photo]] = {}
+    for photo in photos:
+        lacking.setdefault(photo.lacks, []).append(photo)
+    n_none = sum(photo.place is None for photo in lacking.pop("", ()))
+    notes = [
+        f"{len(of)} images, the first {of[0].file.name}, state {lacks}: they are no fixes"
+        for lacks, of in lacking.items()
+    ]
+    n_placed = sum(photo.place is not None for photo in photos)
+    if n_none and n_placed:
+        notes.append(f"{n_none} of {len(photos)} images state no position in EXIF")
+    return tuple(notes)
 
 
 def checked_photos(files: Sequence[Path]) -> list[Photo]:

@@ -1,8 +1,9 @@
-"""Logs of satellite receivers: NMEA 0183, u-blox UBX, Android GnssLogger.
+"""Logs of satellite receivers: NMEA 0183, u-blox UBX, Android GnssLogger, positions of GrafNav and Inertial Explorer.
 
 `read_nmea` reads GGA sentences, standard deviations from GST, dates from RMC and ZDA; `sentence_times` converts times of day
 to Unix times across midnight. `read_ublox` reads UBX-NAV-PVT messages, or the NMEA sentences of a log without them.
-`read_gnss_logger` reads the fixes of one provider. All return `ReceiverFixes`. Raw observations are left out.
+`read_gnss_logger` reads the fixes of one provider. `read_grafnav` reads text under one line of names and one of units, which
+`is_grafnav` recognizes: angles in degrees, or degrees, minutes and seconds, and times as seconds of a GPS week or dates. All return `ReceiverFixes`. Raw observations are left out.
 """
 
 import re
@@ -13,13 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core import FloatArray, InputError
+from survey.core import UNSTATED, FloatArray, InputError, existing_file
 from survey.core.crs import ELLIPSOIDAL
-from vision_slam.readers.sequence import ReceiverFixes, axis_sigma_m
+from vision_slam.readers.sequence import DATED_S, ReceiverFixes, axis_sigma_m
 
 # Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].
 _QUALITY_SIGMA_M = {4: 0.02, 5: 0.3}
 _USUAL_SIGMA_M = 1.1
+_UPWARD = 1.7  # error of heights over that across
 # Qualities of GGA sentences: dead reckoning, entered by hand, simulated.
 _NOT_MEASURED = {6, 7, 8}
 _MOST_DAMAGED = 0.1
@@ -61,7 +63,7 @@ class _Sentences:
         self.clocks: list[float] = []
         self.midnights: list[float | None] = []
         self.fixes_of: dict[int, _Fix] = {}
-        self.sigma_of: dict[int, float] = {}
+        self.sigma_of: dict[int, tuple[float, float]] = {}
         self.n = self.n_without_fix = self.n_not_measured = self.n_other_systems = 0
 
     def add(self, words: list[str], where: str) -> None:
@@ -90,9 +92,9 @@ class _Sentences:
             self._add_time(words[1], midnight)
 
     def _add_sigma(self, words: list[str]) -> None:
-        sigma_m = _gst(words)
-        if sigma_m is not None:
-            self.sigma_of[self._add_time(words[1])] = sigma_m
+        sigmas_m = _gst(words)
+        if sigmas_m is not None:
+            self.sigma_of[self._add_time(words[1])] = sigmas_m
 
     def _add_fix(self, words: list[str]) -> None:
         quality = int(words[6] or 0)
@@ -121,13 +123,17 @@ class _Sentences:
         fixes = list(self.fixes_of.values())
         time_s = times[list(self.fixes_of)]
         stated = dict(zip(times[list(self.sigma_of)].tolist(), self.sigma_of.values(), strict=True))
+        qualities = [fix.quality for fix in fixes]
+        across = {at: sigma_m for at, (sigma_m, _) in stated.items()}
+        upward = {at: sigma_m for at, (_, sigma_m) in stated.items() if sigma_m > 0.0}
         return ReceiverFixes(
             time_s,
             np.array([fix.place for fix in fixes]),
             is_dated=is_dated,
             n_without_fix=self.n_without_fix,
-            sigma_m=_sigma_by_quality_m(time_s, [fix.quality for fix in fixes], stated),
+            sigma_m=_sigma_by_quality_m(time_s, qualities, across),
             notes=tuple(words for words in (note, *self._notes()) if words),
+            sigma_z_m=_sigma_by_quality_m(time_s, qualities, upward, upward=True) if upward else None,
         )
 
     def _notes(self) -> Iterator[str]:
@@ -163,22 +169,24 @@ def _damage_note(damaged: list[str], n_sentences: int) -> str:
     return f"{len(damaged)} of {n_sentences} sentences are damaged and left out; the first: {damaged[0].rstrip('.')}"
 
 
-def _gst(words: list[str]) -> float | None:
-    """Return the horizontal standard deviation [m] of a GST sentence; None where it is empty."""
+def _gst(words: list[str]) -> tuple[float, float] | None:
+    """Return standard deviations [m], horizontal and of the height (0 where not stated), of a GST sentence; None of an empty one."""
     if not words[6] or not words[7]:
         return None
     sigma_m = float(np.hypot(float(words[6]), float(words[7])) / np.sqrt(2.0))
-    return sigma_m if sigma_m > 0.0 else None
+    upward_m = float(words[8]) if words[8].strip() else 0.0
+    return (sigma_m, upward_m) if sigma_m > 0.0 else None
 
 
 def _sigma_by_quality_m(
-    time_s: FloatArray, qualities: list[int], stated: dict[float, float]
+    time_s: FloatArray, qualities: list[int], stated: dict[float, float], *, upward: bool = False
 ) -> FloatArray | None:
     """Return standard deviations (N,) [m] by GST sentence or quality; None where neither says more than usual."""
     if not stated and not set(qualities) & set(_QUALITY_SIGMA_M):
         return None
     usual_m = float(np.median(list(stated.values()))) if stated else _USUAL_SIGMA_M
-    by_quality = [_QUALITY_SIGMA_M.get(quality, usual_m) for quality in qualities]
+    share = _UPWARD if upward else 1.0
+    by_quality = [share * _QUALITY_SIGMA_M.get(quality, usual_m / share) for quality in qualities]
     return np.array([stated.get(t, sigma) for t, sigma in zip(time_s.tolist(), by_quality, strict=True)])
 
 
@@ -324,15 +332,16 @@ def read_ublox(file: Path) -> ReceiverFixes:
         n_without_fix=n_without_fix,
         vertical_datum=ELLIPSOIDAL,
         notes=notes,
+        sigma_z_m=table[:, 5] if (table[:, 5] > 0.0).all() else None,
     )
 
 
-def _ubx_position(message: Any) -> tuple[float, float, float, float, float]:
-    """Return Unix time [s], longitude, latitude [deg], ellipsoidal height and standard deviation [m]."""
+def _ubx_position(message: Any) -> tuple[float, ...]:
+    """Return Unix time [s], longitude, latitude [deg], ellipsoidal height, standard deviations across and of the height [m]."""
     day = datetime(message.year, message.month, message.day, tzinfo=UTC).timestamp()
     clock = 3600.0 * message.hour + 60.0 * message.min + message.second + 1e-9 * message.nano
     sigma_m = 1e-3 * message.hAcc / float(np.sqrt(2.0))
-    return day + clock, message.lon, message.lat, 1e-3 * message.height, sigma_m
+    return day + clock, message.lon, message.lat, 1e-3 * message.height, sigma_m, 1e-3 * message.vAcc
 
 
 # Names of the fields by version of the app; the order of the last resort is that of version 2.
@@ -414,3 +423,186 @@ def _logger_fix(words: list[str], columns: dict[str, int], where: str) -> tuple[
     if not (abs(fix[1]) <= 180.0 and abs(fix[2]) <= 90.0 and np.isfinite(fix[:3]).all()):
         raise InputError(f"{where}: {fix[2]:g}, {fix[1]:g} are no degrees; correct or remove the line.")
     return (*fix, accuracy)
+
+
+_HEADER_LINES = 200
+_UNITS = re.compile(r"\s*(\([^()]*\)\s*){3,}$")
+_GPS_EPOCH_S, _WEEK_S = 315964800.0, 604800.0  # 6 January 1980
+# Unix times from which GPS time is ahead of UTC by so many seconds.
+_LEAPS = ((1483228800.0, 18.0), (1435708800.0, 17.0), (1341100800.0, 16.0), (1230768000.0, 15.0))
+_LEAST_SIGMA_M = 0.01  # the programs state the noise alone
+_NAMES = {
+    "week": ("week", "gpsweek"),
+    "time": ("gpstime", "utctime", "time"),
+    "date": ("utcdate", "gpsdate", "date"),
+    "latitude": ("latitude",),
+    "longitude": ("longitude",),
+    "easting": ("easting", "east"),
+    "northing": ("northing", "north"),
+    "height": ("h-ell", "h-msl", "h-ortho", "height"),
+    "sigma_east": ("sdeast", "e-sd", "stdeast"),
+    "sigma_north": ("sdnorth", "n-sd", "stdnorth"),
+    "sigma_height": ("sdheight", "h-sd", "sdup", "stdheight"),
+}
+_DATES = {"(mdy)": "%m/%d/%Y", "(dmy)": "%d/%m/%Y", "(ymd)": "%Y/%m/%d"}
+
+
+def leap_s(time_s: FloatArray) -> FloatArray:
+    """Return by how much GPS time is ahead of UTC (N,) [s]."""
+    ahead = np.full(len(time_s), 14.0)
+    for since_s, leap in reversed(_LEAPS):
+        ahead[time_s >= since_s] = leap
+    return ahead
+
+
+def gps_week_s(week: float, second: float) -> float:
+    """Return GPS time in seconds since 1970 of a GPS week and its seconds."""
+    return _GPS_EPOCH_S + _WEEK_S * week + second
+
+
+def decimal_degrees(parts: list[str], where: str) -> float:
+    """Return an angle of degrees, minutes and seconds in degrees; the sign stands before the degrees, −0 too."""
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError as error:
+        raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
+    size = abs(numbers[0]) + sum(n / 60.0**k for k, n in enumerate(numbers[1:], start=1))
+    return -size if parts[0].startswith("-") else size
+
+
+class _GrafNavColumns(NamedTuple):
+    """Name, unit and first word of each value that is read, the words of a row, and the lines before the rows."""
+
+    name: dict[str, str]
+    unit: dict[str, str]
+    words: dict[str, slice]
+    n_words: int
+    head: list[str]
+
+
+def is_grafnav(lines: list[str]) -> bool:
+    """Return whether a line of names with a place stands above one of units in brackets."""
+    return _grafnav_header(lines) is not None
+
+
+def _grafnav_header(lines: list[str]) -> int | None:
+    for k, line in enumerate(lines[1:_HEADER_LINES], start=1):
+        words = lines[k - 1].lower().split()
+        if _UNITS.match(line) and {"latitude", "easting"} & set(words):
+            return k - 1
+    return None
+
+
+def read_grafnav(path: Path) -> ReceiverFixes:
+    """Read positions and their standard deviations; what the datum of the file is taken for is noted."""
+    file = existing_file(path, "the fixes")
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    first = _grafnav_header(lines)
+    if first is None:
+        raise InputError(f"{file} has no line of column names above one of units; export it with its header.")
+    columns = _grafnav_columns(lines, first, file)
+    rows = []
+    for number, line in enumerate(lines[first + 2 :], start=first + 3):
+        if words := line.split():
+            rows.append(_grafnav_row(words, columns, f"{file}, line {number}"))
+    if not rows:
+        raise InputError(f"{file} holds no positions under its header; export it again.")
+    table = np.array(rows)
+    time_s, is_dated = table[:, 0], bool(table[0, 0] > DATED_S)
+    if is_dated and not columns.name["time"].startswith("utc"):
+        time_s = time_s - leap_s(time_s)
+    across, upward = np.sqrt(0.5 * (table[:, 4] ** 2 + table[:, 5] ** 2)), table[:, 6]
+    return ReceiverFixes(
+        time_s,
+        table[:, 1:4],
+        np.maximum(across, _LEAST_SIGMA_M) if np.isfinite(across).all() else None,
+        is_geodetic="longitude" in columns.name,
+        is_dated=is_dated,
+        vertical_datum=ELLIPSOIDAL if columns.name["height"] == "h-ell" else UNSTATED,
+        notes=_datum_notes(columns.head),
+        sigma_z_m=np.maximum(upward, _LEAST_SIGMA_M) if np.isfinite(upward).all() else None,
+    )
+
+
+def _grafnav_columns(lines: list[str], first: int, file: Path) -> _GrafNavColumns:
+    """Return where the values of a row stand; a unit belongs to the name that ends nearest to its end."""
+    names = list(re.finditer(r"\S+", lines[first].lower()))
+    ends = np.array([name.end() for name in names])
+    units = [""] * len(names)
+    for unit in re.finditer(r"\([^()]*\)", lines[first + 1].lower()):
+        units[int(np.argmin(np.abs(ends - unit.end())))] = unit.group()
+    sizes = [
+        len(re.findall("[dms]", unit)) if re.fullmatch(r"\((\+/-)?d ?m( ?s)?\)", unit) else 1
+        for unit in units
+    ]
+    begins = np.concatenate([[0], np.cumsum(sizes)]).tolist()
+    found = {
+        kind: next((k for k, name in enumerate(names) if name.group() in spellings), None)
+        for kind, spellings in _NAMES.items()
+    }
+    at = {kind: k for kind, k in found.items() if k is not None}
+    place = ("latitude", "longitude") if "latitude" in at else ("northing", "easting")
+    missing = [kind for kind in ("time", *place, "height") if kind not in at]
+    if missing:
+        raise InputError(f"{file} has no column of {' and '.join(missing)}; export it with that column.")
+    for kind in ("height", "sigma_height", "sigma_east", "sigma_north", "easting", "northing"):
+        if kind in at and units[at[kind]] not in ("(m)", ""):
+            raise InputError(
+                f"{file} has {names[at[kind]].group()} in {units[at[kind]]}; metres (m) were expected, export it in metres."
+            )
+    return _GrafNavColumns(
+        {
+            kind: names[k].group()
+            for kind, k in at.items()
+            if kind not in ("easting", "northing") or kind in place
+        },
+        {kind: units[k] for kind, k in at.items()},
+        {kind: slice(begins[k], begins[k + 1]) for kind, k in at.items()},
+        begins[-1],
+        lines[:first],
+    )
+
+
+def _grafnav_row(words: list[str], columns: _GrafNavColumns, where: str) -> tuple[float, ...]:
+    """Return time [s], place, height and standard deviations to the east, to the north and upwards of one line."""
+    if len(words) != columns.n_words:
+        raise InputError(
+            f"{where}: {len(words)} values, and the header names {columns.n_words}; correct or remove the line."
+        )
+    axes = ("longitude", "latitude") if "longitude" in columns.name else ("easting", "northing")
+    x, y = (decimal_degrees(words[columns.words[axis]], where) for axis in axes)
+    others = ("height", "sigma_east", "sigma_north", "sigma_height")
+    try:
+        numbers = [
+            float(words[columns.words[kind].start]) if kind in columns.name else float("nan")
+            for kind in others
+        ]
+        time_s = _grafnav_time_s(words, columns)
+    except ValueError as error:
+        raise InputError(f"{where} is no position ({error}); correct or remove it.") from error
+    if axes[0] == "longitude" and not (abs(x) <= 360.0 and abs(y) <= 90.0):
+        raise InputError(f"{where}: {y}, {x} are no degrees; correct or remove the line.")
+    return (time_s, x, y, *numbers)
+
+
+def _grafnav_time_s(words: list[str], columns: _GrafNavColumns) -> float:
+    """Return seconds since 1970 where the row has a date or a week, else of the week or day."""
+    text = words[columns.words["time"].start]
+    hours = [float(part) for part in text.split(":")]
+    second = hours[0] if len(hours) == 1 else 3600.0 * hours[0] + 60.0 * hours[1] + hours[2]
+    if "date" in columns.name:
+        form = _DATES.get(columns.unit["date"], "%m/%d/%Y")
+        day = datetime.strptime(words[columns.words["date"].start].replace("-", "/"), form)
+        return day.replace(tzinfo=UTC).timestamp() + second
+    if "week" in columns.name and len(hours) == 1:
+        return gps_week_s(float(words[columns.words["week"].start]), second)
+    return second
+
+
+def _datum_notes(head: list[str]) -> tuple[str, ...]:
+    """Return a note of a datum other than WGS 84 and its equals."""
+    stated = next((line.partition(":")[2] for line in head if line.lower().startswith("datum")), "")
+    datum = stated.split(",")[0].strip()
+    if not datum or datum.upper().startswith(("WGS84", "WGS 84", "ITRF", "IGS")):
+        return ()
+    return (f"places in the datum {datum} are taken for WGS 84; both can lie metres apart",)

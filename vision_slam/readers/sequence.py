@@ -15,6 +15,7 @@ from pyproj import CRS
 
 from survey import Camera, ConfigError, InputError, Recording
 from survey.core import UNSTATED, BoolArray, FloatArray, IntArray, checked, projected_crs
+from survey.core.time_units import refuse_other_unit
 from survey.core.transformation import chosen_crs, transformed
 from survey.data.frames import Frames
 from survey.data.sensors.records import Compass, GpsFixes, Inertial, Wheels
@@ -27,7 +28,7 @@ class ReceiverFixes(NamedTuple):
 
     ``time_s`` (N,) is Unix time when `is_dated`; ``place`` (N, 3) holds longitude, latitude
     [deg] and height [m], or easting, northing and height [m] where not `is_geodetic`;
-    ``sigma_m`` (N,) is the horizontal standard deviation in each axis.
+    ``sigma_m`` (N,) is the horizontal standard deviation in each axis, ``sigma_z_m`` (N,) that of the height.
     """
 
     time_s: FloatArray
@@ -38,6 +39,7 @@ class ReceiverFixes(NamedTuple):
     n_without_fix: int = 0
     vertical_datum: str = UNSTATED
     notes: tuple[str, ...] = ()
+    sigma_z_m: FloatArray | None = None
 
 
 def axis_sigma_m(radius_m: FloatArray) -> FloatArray:
@@ -63,6 +65,7 @@ def usable(
     bad = np.flatnonzero(~np.isfinite(time_s))
     if len(bad):
         raise InputError(f"{where}: the time of fix {bad[0] + 1} is no finite number; correct or remove it.")
+    refuse_other_unit(time_s, f"{where}: the times of the fixes")
     values = place if sigma_m is None else np.column_stack([place, sigma_m])
     stays: BoolArray = np.asarray(np.isfinite(values).all(axis=1), dtype=np.bool_)
     n_not_finite = int((~stays).sum())
@@ -93,6 +96,10 @@ def _refuse_disorder(time_s: FloatArray, numbers: IntArray, where: str) -> None:
 
 WGS84 = CRS.from_epsg(4326)
 logger = logging.getLogger(__name__)
+ZERO_HEIGHTS = (
+    "all heights are 0, as programs write one where they have none: the path is no more than a line on a map"
+)
+"""Note of a log whose heights are no heights."""
 _NEAR_RAD = 0.015  # 100 km over the radius of the Earth
 
 
@@ -105,7 +112,7 @@ class GpsLog:
     CRS that the file does not name. `is_geodetic`, `is_dated`: see above. `n_without_fix`: records that the
     receiver itself marked as no fix; they are left out. `vertical_datum`: what heights count from; ``""``
     when the file does not state it. `sigma_m` (N,): horizontal standard deviation of each fix [m], where the
-    file states it or its quality. `notes`: what the reader chose or left out, one sentence each.
+    file states it or its quality; `sigma_z_m` (N,): that of its height [m]. `notes`: what the reader chose or left out, one sentence each.
     """
 
     time_s: FloatArray
@@ -116,6 +123,7 @@ class GpsLog:
     vertical_datum: str = UNSTATED
     sigma_m: FloatArray | None = None
     notes: tuple[str, ...] = ()
+    sigma_z_m: FloatArray | None = None
 
     @property
     def utm(self) -> CRS | None:
@@ -138,14 +146,27 @@ class GpsLog:
             raise ConfigError("the fixes are in metres, and the file names no CRS; name one with --crs.")
         target = projected_crs(self.utm if crs is None else crs, "the fixes")
         if not self.is_geodetic:
-            return GpsFixes(self.time_s, self.place, self.sigma_m), target
+            return GpsFixes(self.time_s, self.place, self.sigma_m, self.sigma_z_m), target
         xy = transformed(self.place[:, :2], WGS84, target, "the fixes")
-        return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]]), self.sigma_m), target
+        position = np.column_stack([xy, self.place[:, 2]])
+        return GpsFixes(self.time_s, position, self.sigma_m, self.sigma_z_m), target
+
+    def select(self, which: BoolArray) -> "GpsLog":
+        """Return the fixes of a mask (N,)."""
+        sigmas = (None if sigma is None else sigma[which] for sigma in (self.sigma_m, self.sigma_z_m))
+        sigma_m, sigma_z_m = sigmas
+        return replace(
+            self,
+            time_s=self.time_s[which],
+            place=self.place[which],
+            sigma_m=sigma_m,
+            sigma_z_m=sigma_z_m,
+        )
 
     def without_zero_places(self, where: str) -> "GpsLog":
-        """Leave out fixes at longitude and latitude 0, which receivers write before they have a fix; note how many.
+        """Leave out fixes at longitude and latitude 0, or at a height of 0 among others, which stand for none; note how many.
 
-        Returns: the same log where no fix is at exactly 0, 0; places in metres stay as they are.
+        Returns: the same log where no fix is at exactly 0, 0, nor at a height of 0 between fixes beyond 10 m.
 
         >>> log = GpsLog(np.arange(3.0), np.array([[0.0, 0.0, 0.0], [8.1, 46.5, 5.0], [8.2, 46.5, 5.0]]))
         >>> len(log.without_zero_places("log.csv").time_s)
@@ -154,21 +175,43 @@ class GpsLog:
         is_zero = self.is_geodetic & (self.place[:, :2] == 0.0).all(axis=1)
         n = int(is_zero.sum())
         if n == 0:
-            return self
+            return self._without_zero_heights(where)
         if n == len(is_zero):
             raise InputError(
                 f"{where} holds {n} fixes, all at longitude and latitude 0, as receivers write them before they have a fix; "
                 "record again once there is one."
             )
-        note = f"{n} fixes at longitude and latitude 0 are left out"
+        return self._without(
+            is_zero, f"{n} fixes at longitude and latitude 0 are left out", where
+        )._without_zero_heights(where)
+
+    def _without_zero_heights(self, where: str) -> "GpsLog":
+        is_zero = _stands_for_none(self.place[:, 2])
+        if is_zero.any():
+            note = f"{int(is_zero.sum())} fixes at a height of 0 m among others beyond {_FAR_FROM_ZERO_M:g} m are left out"
+            return self._without(is_zero, note, where)
+        if self.is_geodetic and not self.place[:, 2].any():
+            return replace(self, notes=(*self.notes, ZERO_HEIGHTS))
+        return self
+
+    def _without(self, is_left_out: BoolArray, note: str, where: str) -> "GpsLog":
         logger.info("%s: %s", where, note)
-        return replace(
-            self,
-            time_s=self.time_s[~is_zero],
-            place=self.place[~is_zero],
-            sigma_m=None if self.sigma_m is None else self.sigma_m[~is_zero],
-            notes=(*self.notes, note),
-        )
+        return replace(self.select(~is_left_out), notes=(*self.notes, note))
+
+
+_FAR_FROM_ZERO_M = 10.0
+
+
+def _stands_for_none(height_m: FloatArray) -> BoolArray:
+    """Return which heights (N,) are exactly 0 though the ones before and after that are not 0 lie far from it."""
+    is_zero: BoolArray = height_m == 0.0
+    others = np.flatnonzero(~is_zero)
+    if not len(others):
+        return ~is_zero
+    after = np.searchsorted(others, np.arange(len(height_m)))
+    nearest = [others[np.clip(after - k, 0, len(others) - 1)] for k in (0, 1)]
+    far: BoolArray = np.min([np.abs(height_m[near]) for near in nearest], axis=0) > _FAR_FROM_ZERO_M
+    return is_zero & far
 
 
 def _first_near(place: FloatArray) -> int:

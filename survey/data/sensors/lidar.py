@@ -24,6 +24,7 @@ from survey.core import (
     read_json,
     write_json,
 )
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.io.arrays_file import read_npz, write_npz
 from survey.io.tables import read_table, write_table
 
@@ -183,6 +184,7 @@ class LidarScans(DataObject):
             raise InputError(
                 f"there are {len(times)} scans, or their times do not increase; at least one in order of time is needed."
             )
+        refuse_other_unit(times, "the times of the scans", LONGEST_STEP_S)
         object.__setattr__(self, "time_s", times)
         if len(self.minutes) != n_minutes(times):
             raise InputError(

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from survey.core import BoolArray, DataObject, FloatArray, InputError, IntArray, checked, frozen
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.data.sensors.records import UPPER, SensorRecords, join_columns
 from survey.data.sensors.stakes import StakeSightings, refuse_backward_times
 from survey.io.tables import read_table, write_table
@@ -45,6 +46,7 @@ class Odometry(DataObject):
             raise InputError(f"there are {len(times)} odometry poses; at least 2 are needed.")
         if (np.diff(times) <= 0).any():
             raise InputError("the times of the odometry do not increase; sort them or remove repeats.")
+        refuse_other_unit(times, "the times of the odometry", LONGEST_STEP_S)
         object.__setattr__(self, "time_s", times)
         object.__setattr__(self, "step", checked(self.step, (len(times) - 1, 3), "the steps of the odometry"))
         object.__setattr__(self, "attitude_rad", checked(self.attitude_rad, (len(times), 3), "the attitudes"))

@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 
 from survey.core import DataObject, FloatArray, InputError, Section, checked, existing_file, printable
+from survey.core.time_units import refuse_other_unit
 from survey.data.trajectory import Trajectory
 from survey.io.tables import read_table, write_table
 from survey.io.text_tables import read_text_table
@@ -70,6 +71,7 @@ class PayloadLog(DataObject):
             time_s = checked(self.time_s, (len(value),), f"the times of {name}")
             if (np.diff(time_s) <= 0.0).any():
                 raise InputError(f"the times of {name} do not increase; sort the readings by time.")
+            refuse_other_unit(time_s, f"the times of {name}")
             object.__setattr__(self, "time_s", time_s)
         if self.xy is not None:
             object.__setattr__(self, "xy", checked(self.xy, (len(value), 2), f"the places of {name}"))

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from survey.core import BoolArray, DataObject, FloatArray, InputError, checked
+from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.io.tables import read_table, write_table
 
 UPPER = np.triu_indices(3)
@@ -27,6 +28,8 @@ class SensorRecords(DataObject):
     """Columns of the fields that take several: 3 for a vector, 6 for a symmetric matrix."""
     WHAT: ClassVar[str] = "readings"
     LEAST: ClassVar[int] = 1
+    SLOWEST_S: ClassVar[float] = np.inf
+    """Longest median step; readings beyond it are in another unit than seconds."""
 
     time_s: FloatArray
 
@@ -35,6 +38,7 @@ class SensorRecords(DataObject):
         if len(times) < self.LEAST:
             raise InputError(f"there are {len(times)} {self.WHAT}; at least {self.LEAST} are needed.")
         self._check_order(times)
+        refuse_other_unit(times, f"the times of the {self.WHAT}", self.SLOWEST_S)
         object.__setattr__(self, "time_s", times)
         for field in fields(self)[1:]:
             if getattr(self, field.name) is None:
@@ -146,6 +150,9 @@ class GpsFixes(SensorRecords):
     sigma_m : (N,) array_like, optional
         Horizontal standard deviation of each fix as the receiver states it, in each axis [m]. Where
         it is missing, all fixes have the errors that the configuration of localization assumes.
+    sigma_z_m : (N,) array_like, optional
+        Standard deviation of the height of each fix as the receiver states it [m]. Where it is missing, heights
+        have the horizontal error times the factor that the configuration of localization assumes.
     """
 
     COLUMNS: ClassVar = {"position": ("easting_m", "northing_m", "height_m")}
@@ -154,6 +161,7 @@ class GpsFixes(SensorRecords):
 
     position: FloatArray
     sigma_m: FloatArray | None = None
+    sigma_z_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,6 +198,7 @@ class Wheels(SensorRecords):
     """
 
     WHAT: ClassVar = "encoder readings"
+    SLOWEST_S: ClassVar = LONGEST_STEP_S
 
     left_m: FloatArray
     right_m: FloatArray
@@ -217,6 +226,7 @@ class Inertial(SensorRecords):
         "specific_force_m_s2": ("force_x_m_s2", "force_y_m_s2", "force_z_m_s2"),
     }
     WHAT: ClassVar = "inertial readings"
+    SLOWEST_S: ClassVar = 1.0
 
     gyro_rad_s: FloatArray
     specific_force_m_s2: FloatArray

@@ -11,8 +11,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from survey.core import DataObject, FloatArray, InputError, IntArray, checked, printable
+from survey.core.lengths import log_converted
 from survey.data.sensors.records import SensorRecords
-from survey.io.column_names import ColumnNames, log_columns, metres_factor, one_column, refuse_feet
+from survey.io.column_names import ColumnNames, log_columns, metres_factor, one_column
 from survey.io.point_table import place_columns
 from survey.io.tables import is_number, read_table, write_table
 from survey.io.text_tables import TextTable, read_text_table, refuse_clock_numbers
@@ -177,7 +178,6 @@ def read_stake_surveys(path: str | Path, *, sigma_m: float = 0.03, zero: float =
 def _names(table: TextTable) -> dict[str, str]:
     """Return the columns of point, time, place and standard deviation by what they hold."""
     header, where = table.header, table.where
-    refuse_feet(header, where)
     places = place_columns(header, where)
     if places.is_geographic:
         raise InputError(
@@ -201,7 +201,9 @@ def _names(table: TextTable) -> dict[str, str]:
 
 def _metres(table: TextTable, name: str) -> FloatArray:
     """Return a column of finite numbers [m]."""
-    values = metres_factor(name) * table.numbers(name)
+    metres = metres_factor(name)
+    log_converted(f"{table.where}, column {name},", [("numbers", metres)])
+    values = metres * table.numbers(name)
     if not np.isfinite(values).all():
         line = table.lines[int(np.flatnonzero(~np.isfinite(values))[0])]
         raise InputError(

@@ -15,8 +15,8 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core import UNSTATED, CapacityError, FloatArray, InputError, IntArray, existing_file, replacing
-from survey.core.crs import vertical_datum_of
+from survey.core import CapacityError, FloatArray, InputError, IntArray, existing_file, replacing
+from survey.core.crs import projected_crs, vertical_datum_of
 from survey.core.files import unwritable, warnings_logged
 from survey.io.dataset_files import stale_files
 from survey.io.raster.opening import check_transform, crs_tag, rasterio_errors
@@ -25,24 +25,28 @@ from survey.io.raster.reading import (
     VERTICAL_TAG,
     Raster,
     band_names,
+    log_scale,
     open_raster,
     read_window,
     stated_datum,
 )
+from survey.io.raster.values import crs_of_raster
 from survey.io.raster.writing import ASCII_OPTIONS, COG_OPTIONS, written_crs
 
 _CELLS_AT_ONCE = 4_000_000
 
 
-def read_averaged(path: str | Path, cells: int, bands: Sequence[int] = (1,)) -> list[Raster]:
+def read_averaged(
+    path: str | Path, cells: int, bands: Sequence[int] = (1,), units: str | None = None
+) -> list[Raster]:
     """Return the averages of squares of cells, read in strips of rows.
 
     Returns: one for each band; NaN where less than half of a square is known.
     """
-    with open_raster(existing_file(path, "the raster")) as source:
+    with open_raster(existing_file(path, "the raster"), units) as source:
         check_transform(source.transform)
-        wkt = source.crs.to_wkt() if source.crs else None
-        datum = stated_datum(source) or (vertical_datum_of(wkt) if wkt else UNSTATED)
+        log_scale(source, path, units)
+        wkt, datum = system_of(source)
         step_m, west, north = source.transform.a, source.transform.c, source.transform.f
         columns = _starts(round(west / step_m), source.width, cells)
         rows = _starts(-round(north / step_m), source.height, cells)
@@ -51,8 +55,15 @@ def read_averaged(path: str | Path, cells: int, bands: Sequence[int] = (1,)) -> 
             north - step_m * (_first_edge(-round(north / step_m), cells)),
         )
         transform = Affine(cells * step_m, 0.0, corner[0], 0.0, -cells * step_m, corner[1])
-        means = [_means(source, band, rows, columns) for band in bands]
+        means = [_means(source, band, rows, columns, units) for band in bands]
     return [Raster(values, transform, wkt, datum) for values in means]
+
+
+def system_of(source: Any) -> tuple[str | None, str]:
+    """Return CRS and vertical datum of an open raster that is read in its own places; one in feet is refused later."""
+    if not source.crs:
+        return None, stated_datum(source)
+    return source.crs.to_wkt(), stated_datum(source) or vertical_datum_of(crs_of_raster(source).crs)
 
 
 def _first_edge(first: int, cells: int) -> int:
@@ -66,7 +77,7 @@ def _starts(first: int, n: int, cells: int) -> IntArray:
     return starts
 
 
-def _means(source: Any, band: int, rows: IntArray, columns: IntArray) -> FloatArray:
+def _means(source: Any, band: int, rows: IntArray, columns: IntArray, units: str | None) -> FloatArray:
     """Return the means over squares that begin at the given rows and columns."""
     from rasterio.windows import Window
 
@@ -75,7 +86,7 @@ def _means(source: Any, band: int, rows: IntArray, columns: IntArray) -> FloatAr
     means = np.empty((len(rows), len(columns)))
     for k in range(0, len(rows), at_once):
         first, last = int(rows[k]), int(ends[min(k + at_once, len(rows)) - 1])
-        values = read_window(source, band, Window(0, first, source.width, last - first))
+        values = read_window(source, band, Window(0, first, source.width, last - first), units)
         means[k : k + at_once] = _reduced(values, rows[k : k + at_once] - first, columns)
     return means
 
@@ -97,7 +108,7 @@ _WINDOW_CELLS = 2048
 _LARGE_COG_OPTIONS = {**COG_OPTIONS, "bigtiff": "IF_SAFER"}
 
 
-def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
+def convert_in_windows(source: str | Path, out: str | Path, crs: CRS, units: str | None = None) -> None:
     """Write a raster of any size as Cloud-Optimized GeoTIFF or as an Esri ASCII grid."""
     target = Path(out)
     if target.suffix.lower() == ".nc":
@@ -113,18 +124,20 @@ def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
         TemporaryDirectory(dir=draft.parent) as folder,
     ):
         try:
-            _write_tiled(existing_file(source, "the raster"), Path(folder) / "cells.tif", names, crs)
+            _write_tiled(existing_file(source, "the raster"), Path(folder) / "cells.tif", names, crs, units)
             _copy(Path(folder) / "cells.tif", draft, options)
         except rasterio_errors() as error:
             raise unwritable(target, error) from error
 
 
-def _write_tiled(source: Path, draft: Path, names: list[str], crs: CRS) -> None:
+def _write_tiled(source: Path, draft: Path, names: list[str], crs: CRS, units: str | None) -> None:
     """Write the bands as float32 with nodata to a GeoTIFF in tiles, without compression."""
     import rasterio
 
-    with open_raster(source) as raster, warnings_logged():
+    with open_raster(source, units) as raster, warnings_logged():
         check_transform(raster.transform)
+        log_scale(raster, source, units)
+        projected_crs(system_of(raster)[0] or crs, str(source))
         datum = stated_datum(raster)
         profile = {
             **{"driver": "GTiff", "height": raster.height, "width": raster.width, "count": len(names)},
@@ -137,7 +150,7 @@ def _write_tiled(source: Path, draft: Path, names: list[str], crs: CRS) -> None:
             for band, name in enumerate(names, 1):
                 target.set_band_description(band, name)
                 for window in _windows(raster):
-                    values = read_window(raster, band, window)
+                    values = read_window(raster, band, window, units)
                     target.write(
                         np.where(np.isfinite(values), values, NODATA).astype("f4"), band, window=window
                     )

@@ -2,7 +2,7 @@
 
 The NetCDF library crashes or does not return over rare damage, and a process that hangs in a library cannot be
 interrupted from within. `refuse_unreadable` therefore starts this file as a script, which reads the NetCDF file first:
-``python netcdf_trial.py FILE LARGEST_CELLS``. As a script it imports nothing of the project, because every NetCDF file
+``python netcdf_trial.py FILE LARGEST_CELLS LARGEST_KIB``. As a script it imports nothing of the project, because every NetCDF file
 waits for it. It also finds values that a NetCDF-4 file takes from other files.
 """
 
@@ -14,7 +14,9 @@ from typing import Any
 _PATIENCE_S = 10.0
 _SLOWEST_BYTES_PER_S = 5e6
 # Exit codes of the script; the interpreter itself uses 1 and 2.
-_OUTSIDE, _WITHOUT_H5PY = 31, 32
+_OUTSIDE, _WITHOUT_H5PY, _TOO_LARGE = 31, 32, 33
+# Three times what the largest raster and its blocks take: damaged headers make the library take more.
+_LARGEST_KIB = 1_500_000
 _HDF5 = b"\x89HDF"
 
 
@@ -27,7 +29,7 @@ def refuse_unreadable(file: Path, largest_cells: int) -> None:
 
     patience_s = _PATIENCE_S + file.stat().st_size / _SLOWEST_BYTES_PER_S
     # By the path of this file, not by -m, which would import the package first; -P keeps this folder off sys.path.
-    command = [sys.executable, "-P", __file__, str(file.absolute()), str(largest_cells)]
+    command = [sys.executable, "-P", __file__, str(file.absolute()), str(largest_cells), str(_LARGEST_KIB)]
     try:
         done = subprocess.run(
             command,
@@ -43,6 +45,10 @@ def refuse_unreadable(file: Path, largest_cells: int) -> None:
         ) from endless
     if done.returncode < 0:
         raise InputError(f"{file} is damaged (its library crashes over it); get it again.")
+    if done.returncode == _TOO_LARGE:
+        raise InputError(
+            f"{file} is damaged (its header claims more memory than its cells take); get it again."
+        )
     if done.returncode == _OUTSIDE:
         raise InputError(f"{file} takes values from other files; write them into it (nccopy does it).")
     if done.returncode == _WITHOUT_H5PY:
@@ -100,4 +106,11 @@ def _read(name: str, largest_cells: int) -> None:
 if __name__ == "__main__":
     if _leads_outside(sys.argv[1]):
         sys.exit(_OUTSIDE)
-    _read(sys.argv[1], int(sys.argv[2]))
+    try:
+        _read(sys.argv[1], int(sys.argv[2]))
+    finally:
+        if sys.platform == "linux":
+            import resource
+
+            if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > int(sys.argv[3]):
+                sys.exit(_TOO_LARGE)

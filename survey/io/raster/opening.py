@@ -21,7 +21,8 @@ from pyproj.exceptions import CRSError
 
 from survey.core.crs import equal_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import DamagedError, first_line, warnings_logged
+from survey.core.files import DamagedError, warnings_logged
+from survey.core.foreign import refusing_damage
 from survey.io.dataset_files import VrtPart, raster_parts
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.netcdf_trial import refuse_unreadable
@@ -66,11 +67,8 @@ def _checked(file: Path) -> Iterator[None]:
     check_raster_file(file)
     if file.suffix.lower() == ".nc":
         refuse_unreadable(file, LARGEST_CELLS)
-    try:
-        with warnings_logged():
-            yield
-    except rasterio_errors() as error:
-        raise damaged_raster(file, error) from error
+    with refusing_damage(str(file), "raster of the format of its suffix"), warnings_logged():
+        yield
 
 
 def _dataset(file: Path, band: int) -> Any:
@@ -91,7 +89,7 @@ def _dataset(file: Path, band: int) -> Any:
     return rasterio.open(parts[band - 1], driver=driver, **options)
 
 
-def check_band(source: Any, file: Path, band: int) -> int:
+def check_band(source: Any, file: Path, band: int, units: str | None = None) -> int:
     """Return the number of the band within what was opened, or refuse."""
     number = 1 if source.driver == "netCDF" and source.count == 1 else band
     if not 1 <= number <= source.count:
@@ -99,7 +97,7 @@ def check_band(source: Any, file: Path, band: int) -> int:
     if np.issubdtype(np.dtype(source.dtypes[number - 1]), np.complexfloating):
         raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
     refuse_picture(source, number)
-    band_scale(source, number)
+    band_scale(source, number, units)
     refuse_depths(source, number)
     _refuse_other_axes(source, file)
     _refuse_large_blocks(source, file, number)
@@ -133,23 +131,11 @@ def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
         )
 
 
-def damaged_raster(file: Path, error: Exception) -> InputError:
-    """Return the refusal of a raster that GDAL cannot read."""
-    if isinstance(error, MemoryError):
-        return CapacityError(
-            f"{file} does not fit the memory ({first_line(error)}); cut a window (gdal_translate -projwin) first."
-        )
-    return InputError(
-        f"{file} is damaged or no raster of the format of its suffix ({first_line(error)}); get it again."
-    )
-
-
 def rasterio_errors() -> tuple[type[Exception], ...]:
-    """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
+    """Return what writing through GDAL may raise; what GDAL itself reports has no public home."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
-    # Texts of a damaged header, or the file's own name, may not be UTF-8, and its claims may exceed the memory.
     return RasterioError, CPLE_BaseError, DamagedError, UnicodeError, MemoryError, CRSError
 
 
@@ -179,11 +165,11 @@ def check_transform(t: Affine) -> None:
         )
     if abs(t.a + t.e) > 1e-3 * t.a:
         raise InputError(
-            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample it first."
+            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample the file first (gdalwarp -tr)."
         )
     if t.a < _SMALLEST_M:
         raise InputError(
-            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check its transform."
+            f"the raster's cells measure {t.a:g} m, and coordinates cannot resolve cells below {_SMALLEST_M:g} m; check the transform of the file (gdalinfo)."
         )
 
 

@@ -13,21 +13,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from affine import Affine
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
 
 from survey.core import UNSTATED, Bounds, CapacityError, FloatArray, InputError, existing_file
-from survey.core.crs import vertical_datum_of
+from survey.core.crs import datum_named, vertical_datum_of
+from survey.core.lengths import log_converted
 from survey.core.transformation import geographic_of
 from survey.io.arrays_file import refuse_altered
 from survey.io.raster.opening import (
     LARGEST_CELLS,
     check_band,
-    damaged_raster,
     open_dataset,
     open_list_of_bands,
     refuse_damaged_blocks,
 )
-from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked, valid_range
+from survey.io.raster.values import band_scale, crs_of_raster, refuse_picture, refuse_unmarked, valid_range
 
 NODATA = -9999.0
 CRC_TAG = "FIRNLINE_CRC32"
@@ -52,36 +51,51 @@ class Raster(NamedTuple):
 
 
 def read_raster(
-    path: str | Path, *, band: int = 1, bounds: Bounds | None = None, bounds_crs: CRS | None = None
+    path: str | Path,
+    *,
+    band: int = 1,
+    bounds: Bounds | None = None,
+    bounds_crs: CRS | None = None,
+    units: str | None = None,
 ) -> Raster:
     """Read one band with its georeference; scale, offset and unit are applied, nodata becomes NaN.
 
-    `bounds` (4,): west, south, east, north in the raster's CRS: only the cells from which heights within are
+    A raster whose CRS counts in feet comes in the twin of that CRS in metres. `units`: unit of heights (``m``, ``ft``,
+    ``us-ft``) that the file does not state.
+
+    `bounds` (4,): west, south, east, north in the CRS of the result: only the cells from which heights within are
     interpolated are read, and the checksum of the whole band is not verified.
 
     NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.opening`.
     """
     file = existing_file(path, "the raster")
     with open_dataset(file, band) as source:
-        in_source = check_band(source, file, band)
+        in_source = check_band(source, file, band, units)
+        system = crs_of_raster(source)
         window = window_of(source, file, _own_bounds(source, bounds, bounds_crs))
         crcs = source.tags().get(CRC_TAG, "").split()
         is_summed = len(crcs) >= band and bounds is None
         if not is_summed:
             refuse_damaged_blocks(source, file, in_source, window)
-        values = read_strips(source, in_source, window)
-        crs = source.crs.to_wkt() if source.crs else None
+        values = read_strips(source, in_source, window, units)
+        crs = system.crs.to_wkt() if source.crs else None
         datum = stated_datum(source)
-        transform = source.transform @ Affine.translation(window[0], window[1])
+        stored = source.transform @ Affine.translation(window[0], window[1])
+        transform = stored if system.place_m == 1.0 else Affine.scale(system.place_m) @ stored
+        if band == 1:
+            log_scale(source, file, units)
         stored_as = str(source.dtypes[in_source - 1])
+        stated = datum or (vertical_datum_of(system.crs) if crs else UNSTATED)
     if is_summed:
         refuse_altered(file, crcs[band - 1], checksum_parts(values, transform, datum), f"the tag {CRC_TAG}")
-    try:
-        datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
-    except CRSError as error:
-        raise damaged_raster(file, error) from error
     values, transform = _north_up(values, transform)
-    return Raster(values, transform, crs, datum, stored_as)
+    return Raster(values, transform, crs, stated, stored_as)
+
+
+def log_scale(source: Any, file: str | Path, units: str | None) -> None:
+    """Log where the places or heights of an open raster are in another unit than metres."""
+    heights = band_scale(source, 1, units).factor / float(source.scales[0])
+    log_converted(str(file), (("places", crs_of_raster(source).place_m), ("heights", heights)))
 
 
 def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine]:
@@ -96,6 +110,8 @@ def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine
 
 def _own_bounds(source: Any, bounds: Bounds | None, crs: CRS | None) -> Bounds | None:
     """Return bounds in the raster's own CRS; in degrees they take in two cells more."""
+    if bounds is not None and (foot_m := crs_of_raster(source).place_m) != 1.0:
+        return bounds[0] / foot_m, bounds[1] / foot_m, bounds[2] / foot_m, bounds[3] / foot_m
     if bounds is None or crs is None or not source.crs or not source.crs.is_geographic:
         return bounds
     to_degrees = Transformer.from_crs(crs, geographic_of(source.crs.to_wkt()), always_xy=True)
@@ -137,12 +153,12 @@ class RasterFacts(NamedTuple):
 def stated_datum(source: Any) -> str:
     """Return the vertical datum that an open raster's tags name, or ``""``."""
     tags = source.tags()
-    return str(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
+    return datum_named(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
 
 
-def raster_facts(path: str | Path) -> RasterFacts:
+def raster_facts(path: str | Path, units: str | None = None) -> RasterFacts:
     """Return what a raster's header says, without reading its cells."""
-    with open_raster(existing_file(path, "the raster")) as source:
+    with open_raster(existing_file(path, "the raster"), units) as source:
         return _facts(source)
 
 
@@ -153,8 +169,11 @@ def raster_header(path: str | Path) -> RasterFacts:
 
 
 def _facts(source: Any) -> RasterFacts:
-    crs = source.crs.to_wkt() if source.crs else None
-    return RasterFacts((int(source.height), int(source.width)), crs, source.transform)
+    crs, metres, _ = crs_of_raster(source)
+    transform = source.transform if metres == 1.0 else Affine.scale(metres) @ source.transform
+    return RasterFacts(
+        (int(source.height), int(source.width)), crs.to_wkt() if source.crs else None, transform
+    )
 
 
 def band_count(path: str | Path) -> int:
@@ -177,10 +196,10 @@ _STRIP_CELLS = 4_000_000
 
 
 @contextmanager
-def open_raster(file: Path) -> Iterator[Any]:
+def open_raster(file: Path, units: str | None = None) -> Iterator[Any]:
     """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence."""
     with open_dataset(file, 1) as source:
-        check_band(source, file, 1)
+        check_band(source, file, 1, units)
         refuse_damaged_blocks(source, file, 1, (0, 0, source.width, source.height))
         yield source
 
@@ -223,7 +242,7 @@ def _span(low: float, high: float, n: int) -> tuple[int, int]:
     return first, last - first
 
 
-def read_strips(source: Any, band: int, window: Sequence[int]) -> FloatArray:
+def read_strips(source: Any, band: int, window: Sequence[int], units: str | None = None) -> FloatArray:
     """Read a band strip by strip, so that memory follows what the file holds and not what its header claims."""
     from rasterio.windows import Window
 
@@ -232,11 +251,11 @@ def read_strips(source: Any, band: int, window: Sequence[int]) -> FloatArray:
     rows = max(1, _STRIP_CELLS // width)
     for first in range(0, height, rows):
         strip = Window(column, row + first, width, min(rows, height - first))
-        values[first : first + rows] = read_window(source, band, strip)
+        values[first : first + rows] = read_window(source, band, strip, units)
     return values
 
 
-def read_window(source: Any, band: int, window: Any) -> FloatArray:
+def read_window(source: Any, band: int, window: Any, units: str | None = None) -> FloatArray:
     """Read a window of an open raster.
 
     Returns (h, w): values [m], scale, offset and unit applied; NaN for nodata.
@@ -247,6 +266,6 @@ def read_window(source: Any, band: int, window: Any) -> FloatArray:
     stored[~np.isfinite(stored)] = np.nan
     low, high = valid_range(source, band)
     stored[(stored < low) | (stored > high)] = np.nan
-    scale = band_scale(source, band)
+    scale = band_scale(source, band, units)
     refuse_unmarked(stored, source.name, source.dtypes[band - 1], in_metres=scale == (1.0, 0.0))
     return scale.applied(stored)

@@ -5,24 +5,15 @@ missing ones (such as -9999 or -32768) are refused. Cells without a height that 
 gap between them and all others.
 """
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from survey.core import FloatArray, InputError
+from survey.core.lengths import length_name, metres_in, named_units, same_length
+from survey.core.transformation import WGS84, MetricCrs, metric_crs
 
-FOOT_M, US_SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
-_METRES = {
-    "": 1.0, "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "mm": 1e-3,
-    "millimetre": 1e-3, "millimeter": 1e-3, "millimetres": 1e-3, "millimeters": 1e-3, "cm": 1e-2,
-    "centimetre": 1e-2, "centimeter": 1e-2, "centimetres": 1e-2, "centimeters": 1e-2, "dm": 1e-1,
-    "decimetre": 1e-1, "decimeter": 1e-1, "decimetres": 1e-1, "decimeters": 1e-1, "km": 1e3,
-    "kilometre": 1e3, "kilometer": 1e3, "kilometres": 1e3, "kilometers": 1e3, "ft": FOOT_M, "foot": FOOT_M,
-    "feet": FOOT_M, "international foot": FOOT_M, "international feet": FOOT_M,
-    "us survey foot": US_SURVEY_FOOT_M, "us survey feet": US_SURVEY_FOOT_M,
-    "us_survey_foot": US_SURVEY_FOOT_M, "us-ft": US_SURVEY_FOOT_M, "ftus": US_SURVEY_FOOT_M,
-    "foot_us": US_SURVEY_FOOT_M, "sft": US_SURVEY_FOOT_M,
-}  # fmt: skip
 _PICTURES = frozenset(
     [
         "palette", "red", "green", "blue", "alpha", "hue", "saturation", "lightness", "cyan", "magenta",
@@ -53,20 +44,66 @@ class BandScale(NamedTuple):
         return stored * self.factor + self.offset
 
 
-def band_scale(source: Any, band: int) -> BandScale:
-    """Return scale and offset of an open raster's band, the conversion of its unit to metres included."""
-    unit = (source.units[band - 1] or "").strip()
-    metres = _METRES.get(unit.lower())
-    if metres is None:
-        raise InputError(
-            f"band {band} of {source.name} counts in {unit[:40]!r}; metres or a known unit of length were expected, convert it first."
-        )
+OWN_TAGS = "FIRNLINE_"
+"""Beginning of the tags of rasters that firnline wrote, whose heights are in metres."""
+
+
+def band_scale(source: Any, band: int, units: str | None = None) -> BandScale:
+    """Return scale and offset of an open raster's band, the conversion of its unit to metres included.
+
+    The unit is that of the band, else of the vertical CRS, else `units`.
+    """
+    metres = _unit_of_band(source, band) or _named_unit(source, band, units)
     scale, offset = float(source.scales[band - 1]), float(source.offsets[band - 1])
     if not (np.isfinite([scale, offset]).all() and scale != 0.0):
         raise InputError(
             f"band {band} of {source.name} has the scale {scale:g} and the offset {offset:g}; it is damaged, get it again."
         )
     return BandScale(scale * metres, offset * metres)
+
+
+def _unit_of_band(source: Any, band: int) -> float | None:
+    """Return the metres in the unit that a band or the vertical CRS states; None where neither does."""
+    unit = (source.units[band - 1] or "").strip()
+    of_crs = crs_of_raster(source).height_m
+    if not unit:
+        return of_crs
+    metres = metres_in(unit)
+    if metres is None:
+        raise InputError(
+            f"band {band} of {source.name} counts in {unit[:40]!r}; metres or a known unit of length were expected, convert it first."
+        )
+    if of_crs is not None and abs(metres - of_crs) > 1e-5:
+        raise InputError(
+            f"band {band} of {source.name} counts in {unit[:40]!r}, and the heights of its CRS in {length_name(of_crs)}; correct one of them "
+            "(gdal_edit.py -units, or -a_srs)."
+        )
+    return of_crs or metres
+
+
+def _named_unit(source: Any, band: int, units: str | None) -> float:
+    """Return the metres in the unit of a band that states none."""
+    if any(tag.startswith(OWN_TAGS) for tag in source.tags()):
+        return 1.0
+    if units is not None:
+        return named_units(units)
+    place_m = crs_of_raster(source).place_m
+    if not same_length(place_m, 1.0):
+        raise InputError(
+            f"band {band} of {source.name} does not state the unit of its heights, and its places count in {length_name(place_m)}; name the unit "
+            "of the heights with --units m, ft or us-ft, or in the file (gdal_edit.py -units)."
+        )
+    return 1.0
+
+
+def crs_of_raster(source: Any) -> MetricCrs:
+    """Return the CRS of an open raster in metres, with the metres in its units."""
+    return _metric(source.crs.to_wkt() if source.crs else "")
+
+
+@lru_cache(maxsize=64)
+def _metric(wkt: str) -> MetricCrs:
+    return metric_crs(wkt, "the raster") if wkt else MetricCrs(WGS84)
 
 
 def valid_range(source: Any, band: int) -> tuple[float, float]:
@@ -173,7 +210,7 @@ def refuse_impossible(elevation: FloatArray, name: str) -> None:
     if not LOWEST_M <= middle_m <= HIGHEST_M:
         raise InputError(
             f"{name} holds elevations about {middle_m:,.0f} m, beyond all ground on Earth; state the unit or the scale of its numbers "
-            "(gdal_edit.py -scale 0.1 for decimetres)."
+            "(gdal_edit.py -scale 0.1 for decimetres), or name the unit with --units."
         )
 
 

@@ -132,7 +132,7 @@ def _step(sides_m: tuple[float, float]) -> float:
     """
     if not (math.isfinite(sides_m[0]) and math.isfinite(sides_m[1]) and min(sides_m) > 0.0):
         raise InputError(
-            f"the raster's middle cell measures {sides_m[0]:g} × {sides_m[1]:g} m in the projected CRS; name its CRS, or cut a window of it first."
+            f"the raster's middle cell measures {sides_m[0]:g} × {sides_m[1]:g} m in the projected CRS; name its CRS with --crs, or cut a window of the file first (gdal_translate -projwin)."
         )
     width = math.sqrt(sides_m[0] * sides_m[1])
     return round(width, 1 - math.floor(math.log10(width)))

@@ -10,17 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from pyproj import CRS
 
-from survey.core import Bounds, Progress
+from survey.core import Bounds, FloatArray, Progress
 from survey.data import Dem
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import Conditioned, EngineName, fit_process
 from survey.reconstruction.gp.engines.regression import NoisyValues, Process, TrendName
-from survey.reconstruction.gp.kernel_average import lightened, weights_of
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, WeightedKernel
-from survey.reconstruction.gp.prior_measurements import condition_on_cells
-from survey.reconstruction.gp.satellite_cells import SatelliteCells, in_blocks
+from survey.reconstruction.gp.kernel_average import lightened, with_evidence
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage
+from survey.reconstruction.gp.prior_measurements import CellMeans, ProcessWithCells
+from survey.reconstruction.gp.satellite_cells import SatelliteCells, in_blocks, judge_cells
 from survey.reconstruction.prior import PriorErrors
+from survey.reconstruction.prior_likelihood import misfit_log_likelihood
 
 # Kernels that are averaged where each costs a solve in Fourier waves.
 _MOST_IN_WAVES = 2
@@ -50,40 +51,44 @@ class ConditioningTask(NamedTuple):
     progress: Progress | None = None
 
 
-def condition_all(task: ConditioningTask, found: Hyperparameters, data: NoisyValues) -> Conditioned:
-    """Condition a process with every kernel, and return their average; `data` is without the nugget.
+def condition_all(
+    task: ConditioningTask, found: Hyperparameters, xy: FloatArray, values: FloatArray, variance: FloatArray
+) -> Conditioned:
+    """Condition a process with every kernel, and return their average.
+
+    `xy`, `values`, `variance` (N, 2), (N,) and (N,): places, values, and variances of their errors without the nugget.
 
     Raise `DividedSiteError` where there are cells and the site is too large for one solve.
     """
+    data = NoisyValues.of(xy, values, np.sqrt(variance))
     site = data.extent(task.bounds)
     given = None if task.prior is None else task.prior.cells(task.prior.dem.crs, site)
     if given is not None:
         task = task._replace(bounds=_around(site, given[0]))
     kernels = found.kernels
     first = _condition(task, kernels[0], data)
-    if first.choice.engine != "dense":
+    if first.choice.engine != "dense" and all(one.patch is None for one in kernels):
         kernels = lightened(kernels, _MOST_IN_WAVES if first.choice.engine == "fourier" else 1)
-    processes = [first.process, *(_condition(task, one, data).process for one in kernels[1:])]
-    parts = [_Part(one, process) for one, process in zip(kernels, processes, strict=True)]
+    rest = (_condition(task, one, data).process for one in kernels[1:])
+    parts = [_Part(one, process) for one, process in zip(kernels, (first.process, *rest), strict=True)]
     if given is not None:
         parts = _with_cells(parts, *given)
     if len(parts) == 1:
         return first._replace(process=parts[0].process)
     weights = np.array([part.kernel.weight for part in parts])
     nuggets_m2 = np.array([part.kernel.nugget_m**2 for part in parts])
-    return Conditioned(
-        AveragedProcess(tuple(part.process for part in parts), weights, nuggets_m2), first.choice
-    )
+    processes, patches = tuple(part.process for part in parts), tuple(part.kernel.patch for part in parts)
+    return Conditioned(AveragedProcess(processes, weights, nuggets_m2, patches), first.choice)
 
 
 class _Part(NamedTuple):
     """A kernel with its weight, and the process that it was conditioned to."""
 
-    kernel: WeightedKernel
+    kernel: KernelInAverage
     process: Process
 
 
-def _condition(task: ConditioningTask, one: WeightedKernel, data: NoisyValues) -> Conditioned:
+def _condition(task: ConditioningTask, one: KernelInAverage, data: NoisyValues) -> Conditioned:
     return fit_process(
         task.engine,
         one.kernel,
@@ -100,17 +105,25 @@ def _condition(task: ConditioningTask, one: WeightedKernel, data: NoisyValues) -
 
 
 def _with_cells(parts: list[_Part], cells: SatelliteCells, errors: PriorErrors) -> list[_Part]:
-    """Return the parts given the cells, with the evidence of the cells in their weights, the heaviest first."""
-    every = [condition_on_cells(part.process, cells, errors) for part in parts]
-    logs = [
-        part.kernel.log_posterior + given[0].log_evidence for part, given in zip(parts, every, strict=True)
-    ]
-    weights = weights_of(np.array(logs))
+    """Return the parts given the cells, with the evidence of the cells in their weights, the heaviest first.
+
+    The sizes of the cells' errors and their conflicts are those with the heaviest kernel.
+    """
+    means = [CellMeans(part.process, cells) for part in parts]
+    judged = judge_cells(cells, errors, means[0].expected, means[0].covariance)
+    levels = [(judged.cells, 1.0)]
+    if judged.stated is not None:
+        stated = judged.stated.probability
+        levels = [(judged.cells, 1.0 - stated), (judged.stated.cells, stated)]
+    evidence = [misfit_log_likelihood(judged.cells.misfits(one.expected, one.covariance)) for one in means]
+    weights = with_evidence(np.array([part.kernel.weight for part in parts]), np.array(evidence))
     found = [
-        _Part(part.kernel._replace(weight=float(weight) * one.probability), one.process)
-        for part, given, weight in zip(parts, every, weights, strict=True)
-        if weight > 0.0
-        for one in given
+        _Part(
+            part.kernel._replace(weight=float(weight) * probability),
+            ProcessWithCells(part.process, sized, judged.conflicts),
+        )
+        for part, weight in zip(parts, weights, strict=True)
+        for sized, probability in levels
     ]
     return sorted(found, key=lambda part: -part.kernel.weight)
 

@@ -49,9 +49,9 @@ class GaussianProcessConfig(Section):
     kernel: KernelSetting | None = None
     """Covariance function instead of `family` and its parameters; the place where a fit starts."""
     family: KernelFamily = "auto"
-    """Covariance function; ``auto`` takes the likeliest (the squared exponential when not fitted); two scales
-    are the sum of two squared exponentials, of two Matérn 3/2 or of one of each, the smooth one first; three that of three
-    squared exponentials."""
+    """Covariance function; ``auto`` averages several, but in a joint map the likeliest are compared, and what is not fitted
+    is the squared exponential; two scales are the sum of two squared exponentials, of two Matérn 3/2 or of one of each, the
+    smooth one first; three that of three squared exponentials."""
     variance_m2: float | None = Field(default=None, gt=0)
     """Prior variance of the surface about its mean [m²]; the place where a fit starts."""
     length_scale_m: float | None = Field(default=None, gt=0)

@@ -111,11 +111,15 @@ class Conditioned(NamedTuple):
     choice: EngineChoice
 
 
+def is_little_work(n: int, n_nodes: int | None) -> bool:
+    """Return whether the dense engine is the cheaper one for n points and as many nodes as are known."""
+    return n <= _N_DENSE or (n_nodes is not None and n <= _MOST_DENSE and n**2 * n_nodes <= _DENSE_WORK)
+
+
 def choose_engine(task: EngineTask, *, is_dense: bool = False) -> EngineChoice:
     """Choose the engine by what each would need; `is_dense` states the dense one."""
     n = len(task.xy)
-    is_little_work = task.n_nodes is not None and n <= _MOST_DENSE and n**2 * task.n_nodes <= _DENSE_WORK
-    if is_dense or n <= _N_DENSE or is_little_work:
+    if is_dense or is_little_work(n, task.n_nodes):
         few = f"there are no more than {_N_DENSE} points" if n <= _N_DENSE else f"{n} points have few nodes"
         return EngineChoice("dense", "the dense engine was stated" if is_dense else few, dense_mb(n))
     resolution = resolve_for_points(task.kernel, task.site, task.xy, task.noise_m2, **task.limits)

@@ -123,7 +123,7 @@ _SCALES: dict[str, tuple[type[SquaredExponential | Matern32], ...]] = {
     "three-scale": (SquaredExponential, SquaredExponential, SquaredExponential),
 }
 FAMILIES = ("auto", *KINDS, *_SCALES)
-"""Names of the families; ``auto`` takes the likeliest."""
+"""Names of the families; ``auto`` takes the likeliest, or an average of several."""
 SEARCHABLE = tuple(name for name, kind in KINDS.items() if kind.error_growth is not None)
 """Families of one scale and no further parameter, the smoothest first."""
 

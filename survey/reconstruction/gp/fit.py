@@ -33,8 +33,8 @@ from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName
-from survey.reconstruction.gp.engines.regression import NoisyValues, Process
+from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, is_little_work
+from survey.reconstruction.gp.engines.regression import Process
 from survey.reconstruction.gp.kernel_average import averaged_kernels
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
@@ -236,11 +236,10 @@ class Learned:
     @property
     def own_noise_m2(self) -> FloatArray:
         """Noise variances of the points (N,) [m²], without that of relief too fine to be mapped."""
-        process = self.process
-        averages = isinstance(process, AveragedProcess)
-        nugget_m2 = process.nuggets_m2[0] if averages else self.hyperparameters.nugget_m**2
-        own: FloatArray = process.data.noise_m2 - nugget_m2
-        return own
+        nugget_m2 = self.hyperparameters.nugget_m**2
+        if isinstance(self.process, AveragedProcess):
+            nugget_m2 = float(self.process.nuggets_m2[0])
+        return self.process.data.noise_m2 - nugget_m2
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""
@@ -445,7 +444,12 @@ class TerrainFit:
     ) -> Hyperparameters:
         if self.config.fit and self.config.family == "auto" and self.config.kernel is None:
             return averaged_kernels(
-                data.xy, residual, variance, has_plane=self._has_plane, nugget_m=self.config.nugget_m
+                data.xy,
+                residual,
+                variance,
+                has_plane=self._has_plane,
+                nugget_m=self.config.nugget_m,
+                has_patches=self.engine == "dense" or is_little_work(len(data.xy), self.n_nodes),
             )
         if self.config.fit:
             return likeliest(data.xy, self._detrend(data.xy, residual), variance, self.config)
@@ -494,7 +498,9 @@ class TerrainFit:
                 self.progress,
             ),
             found,
-            NoisyValues.of(xy, residual, np.sqrt(variance)),
+            xy,
+            residual,
+            variance,
         )
 
     @property

@@ -21,14 +21,13 @@ from affine import Affine
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked, validated
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, Progress, checked, parse_json, validated
 from survey.core.map_scale import scale_factors
 from survey.data import Dem, Grid, SurfacePoints
 from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import EngineName
-from survey.reconstruction.gp.engines.regression import NoisyValues
 from survey.reconstruction.gp.families import kernel_facts, kernel_from
 from survey.reconstruction.gp.fit import (
     MOST_AT_ONCE,
@@ -37,7 +36,7 @@ from survey.reconstruction.gp.fit import (
     TerrainFit,
     steepness_on_axes,
 )
-from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, WeightedKernel
+from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage, Patch
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.observations import Observations, Outliers
 from survey.reconstruction.prior import ErrorScale, PriorErrors
@@ -421,7 +420,9 @@ def read_model(path: str | Path) -> TerrainState:
     """Read what `write_model` wrote, and condition on its points again."""
     arrays = read_npz(path, "the terrain model", "save it again")
     try:
-        facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
+        facts: dict[str, Any] = parse_json(
+            arrays["facts"].tobytes(), f"the terrain model {path}", "save it again"
+        )
         if facts["format"] != _FORMAT:
             raise InputError(f"{path} has the format {facts['format']!r}; {_FORMAT!r} was expected.")
     except InputError:
@@ -445,8 +446,7 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
         measured,
         facts["n_nodes"],
     )
-    data = NoisyValues(arrays["xy"], arrays["values"][:, None], arrays["noise_m2"])
-    conditioned = condition_all(task, found, data)
+    conditioned = condition_all(task, found, arrays["xy"], arrays["values"], arrays["noise_m2"])
     mean: Mean = prior if isinstance(prior, ConstantMean) else ConstantMean(0.0)
     if isinstance(prior, Dem) and measured is None:
         mean = DemMean(prior, config.prior_interpolation)
@@ -461,10 +461,18 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
 
 
 def _hyperparameters(facts: dict[str, Any]) -> Hyperparameters:
-    kernels = [WeightedKernel(**one | {"kernel": kernel_from(one["kernel"])}) for one in facts["kernels"]]
+    kernels = [_kernel_in_average(one) for one in facts["kernels"]]
     return Hyperparameters(
         facts["family"], kernels[0].kernel, facts["nugget_m"], facts["log_likelihood"], average=tuple(kernels)
     )
+
+
+def _kernel_in_average(facts: dict[str, Any]) -> KernelInAverage:
+    patch = facts["patch"]
+    if patch is not None:
+        number, centres, width = patch
+        patch = Patch(number, tuple((x, y) for x, y in centres), (width[0], width[1]))
+    return KernelInAverage(**facts | {"kernel": kernel_from(facts["kernel"]), "patch": patch})
 
 
 def _errors(facts: dict[str, Any] | None) -> PriorErrors | None:

@@ -12,6 +12,9 @@ priors of the logarithms θ of variances and length scales. Parts of a sum share
 the metric :math:`\exp(-2 A)`, where the symmetric matrix A of trace 0 has the elements p and q, both normal about 0, so that
 isotropic ground is an interior point of the fit and the direction has no jump.
 
+Ground differs from place to place: terraces, channels, moraine on smooth ice. The heaviest anisotropic kernels are fitted
+again to each quarter of the site, with parameters near those of the site, and hold there (`Patch`); neighbours are blended.
+
 The weights are those of the posteriors to the power of 1/20. Points on lines are no independent evidence of the ground between
 them, and no family is the true one: of the powers that were tried on development ground this one gave intervals that held.
 """
@@ -21,18 +24,19 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.optimize import minimize
 from scipy.spatial.distance import squareform
 from scipy.special import k0, softmax
 
-from survey.core import FloatArray
+from survey.core import FloatArray, IntArray
 from survey.reconstruction.gp.families import Sum, family_of
 from survey.reconstruction.gp.kernels import Exponential, Kernel, Matern32, Matern52, Stationary, Whittle
 from survey.reconstruction.gp.marginal_likelihood import (
     Hyperparameters,
-    WeightedKernel,
+    KernelInAverage,
+    Patch,
     are_wide,
+    inverse_and_log_determinant,
     well_spread,
 )
 
@@ -47,6 +51,10 @@ _LENGTHS, _VARIANCES = (0.2, 0.04), (1.0, 0.05)
 _VARIANCE_SD, _LENGTH_SD, _ANISOTROPY_SD, _NUGGET_SD = 3.0, 1.5, 0.5, 2.0
 _NUGGET_OVER_NOISE = 0.14
 _FIRST_LENGTHS = (1.0, 0.3)
+# Kernels that differ from one quarter of the site to the next, the fewest and the most points that one is fitted to, its
+# reach over the extent of the points, and the standard deviations of its parameters about those of the site.
+_MOST_LOCAL, _FEWEST_IN_PATCH, _MOST_IN_PATCH, _PATCH_REACH = 2, 60, 250, 0.375
+_LOCAL_SD, _LOCAL_ANISOTROPY_SD = 0.5, 0.25
 
 
 class Member(NamedTuple):
@@ -74,21 +82,60 @@ def averaged_kernels(
     *,
     has_plane: bool = False,
     nugget_m: float | None = None,
+    has_patches: bool = False,
 ) -> Hyperparameters:
     """Return the kernels of `MEMBERS` that are fitted to points, with their weights.
 
     `xy`, `values`, `noise_m2` (N, 2), (N,) and (N,): places [m], values and noise variances. `has_plane`: whether the trend
     is a plane instead of a constant. `nugget_m`: standard deviation of relief too fine to be mapped [m]; fitted when None.
+    `has_patches`: whether the heaviest kernels may differ from one quarter of the site to the next.
     """
-    part = well_spread(xy, N_FITTED)
-    few = _Posterior.of(xy[part], values[part], noise_m2[part], has_plane=has_plane, nugget_m=nugget_m)
+
+    def posterior(rows: IntArray) -> _Posterior:
+        given = xy[rows], values[rows], noise_m2[rows]
+        return _Posterior.of(*given, has_plane=has_plane, nugget_m=nugget_m)
+
+    few = posterior(well_spread(xy, N_FITTED))
     members = [one for one in MEMBERS if not one.is_anisotropic or are_wide(xy)]
-    return averaged(_with_weights([few.fit(one) for one in members]))
+    fitted = [few.fit(one) for one in members]
+    weights = weights_of(np.array([one.log_posterior for one in fitted]))
+    order = [int(k) for k in np.argsort(-weights, kind="stable") if weights[k] > 0.0]
+    patches = _patches(xy) if has_patches else []
+    kernels, n_local = [], 0
+    for k in order:
+        if patches and members[k].is_anisotropic and n_local < _MOST_LOCAL:
+            n_local += 1
+            kernels += [
+                posterior(rows).fit(members[k], fitted[k]).in_average(weights[k], patch)
+                for patch, rows in patches
+            ]
+        else:
+            kernels.append(fitted[k].in_average(weights[k], None))
+    return hyperparameters_of_average(kernels)
 
 
-def averaged(kernels: Sequence[WeightedKernel]) -> Hyperparameters:
+def _patches(xy: FloatArray) -> list[tuple[Patch, IntArray]]:
+    """Return the quarters of a site, each with the points in and about it; none where one holds few points."""
+    low, extent = xy.min(axis=0), np.ptp(xy, axis=0)
+    centres = tuple(
+        (float(low[0] + a * extent[0]), float(low[1] + b * extent[1]))
+        for b in (0.25, 0.75)
+        for a in (0.25, 0.75)
+    )
+    width = float(0.25 * extent[0]), float(0.25 * extent[1])
+    found = []
+    for number, centre in enumerate(centres):
+        near = np.flatnonzero((np.abs(xy - centre) < _PATCH_REACH * extent).all(axis=1))
+        if len(near) < _FEWEST_IN_PATCH or not are_wide(xy[near]):
+            return []
+        found.append((Patch(number, centres, width), near[well_spread(xy[near], _MOST_IN_PATCH)]))
+    return found
+
+
+def hyperparameters_of_average(kernels: Sequence[KernelInAverage]) -> Hyperparameters:
     """Return kernels as hyperparameters: the heaviest, and the mean variance of the nuggets."""
-    nugget_m = float(np.sqrt(sum(one.weight * one.nugget_m**2 for one in kernels)))
+    total = sum(one.weight for one in kernels)
+    nugget_m = float(np.sqrt(sum(one.weight * one.nugget_m**2 for one in kernels) / total))
     first = kernels[0]
     return Hyperparameters(
         family_of(first.kernel), first.kernel, nugget_m, first.log_posterior, average=tuple(kernels)
@@ -99,21 +146,35 @@ def weights_of(log_posteriors: FloatArray) -> FloatArray:
     """Return the weights (K,) that log posteriors give, which sum to 1; 0 where one would be little."""
     weights = softmax(_POWER * log_posteriors)
     weights[weights < _LEAST_WEIGHT] = 0.0
-    return weights / weights.sum()
+    normalized: FloatArray = weights / weights.sum()
+    return normalized
 
 
-def _with_weights(kernels: list[WeightedKernel]) -> list[WeightedKernel]:
-    """Return the kernels that have a weight, the heaviest first."""
-    weights = weights_of(np.array([one.log_posterior for one in kernels]))
-    order = [k for k in np.argsort(-weights, kind="stable") if weights[k] > 0.0]
-    return [kernels[k]._replace(weight=float(weights[k])) for k in order]
+def with_evidence(weights: FloatArray, log_evidence: FloatArray) -> FloatArray:
+    """Return weights (K,) with further evidence of each kernel, to the same power."""
+    changed = weights * np.exp(_POWER * (log_evidence - log_evidence.max()))
+    normalized: FloatArray = changed / changed.sum()
+    return normalized
 
 
-def lightened(kernels: list[WeightedKernel], n_most: int) -> list[WeightedKernel]:
+def lightened(kernels: list[KernelInAverage], n_most: int) -> list[KernelInAverage]:
     """Return the heaviest kernels alone, with weights that sum to 1."""
     kept = kernels[:n_most]
     total = sum(one.weight for one in kept)
     return [one._replace(weight=one.weight / total) for one in kept]
+
+
+class _Fitted(NamedTuple):
+    """Parameters at the greatest posterior, the kernel that they state, the nugget [m], and the log posterior."""
+
+    theta: FloatArray
+    kernel: Kernel
+    nugget_m: float
+    log_posterior: float
+
+    def in_average(self, weight: float, patch: Patch | None) -> KernelInAverage:
+        """Return the kernel with its weight, and the patch where it holds."""
+        return KernelInAverage(self.kernel, self.nugget_m, self.log_posterior, float(weight), patch)
 
 
 @dataclass(frozen=True)
@@ -172,9 +233,12 @@ class _Posterior:
         centred = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
         return cls(centred, noise_m2, trend, lags, extent, nugget_m)
 
-    def fit(self, member: Member) -> WeightedKernel:
-        """Climb to the greatest posterior from the better of two lengths."""
+    def fit(self, member: Member, about: "_Fitted | None" = None) -> "_Fitted":
+        """Climb to the greatest posterior from the better of two lengths, or from a kernel of the site that has others about it."""
         mean, spread = self._prior(member)
+        if about is not None:
+            mean, spread = about.theta, np.minimum(spread, _LOCAL_SD)
+            spread[-3:-1] = _LOCAL_ANISOTROPY_SD
         is_free = np.ones(len(mean), dtype=bool)
         is_free[-3:-1] = member.is_anisotropic
         is_free[-1] = self.nugget_m is None
@@ -186,8 +250,8 @@ class _Posterior:
             off = (theta - mean) / spread
             return value + 0.5 * float(off @ off), (gradient + off / spread)[is_free]
 
-        starts = [mean.copy() for _ in _FIRST_LENGTHS]
-        for start, factor in zip(starts, _FIRST_LENGTHS, strict=True):
+        starts = [mean.copy() for _ in _FIRST_LENGTHS[: 1 if about else None]]
+        for start, factor in zip(starts, _FIRST_LENGTHS, strict=False):
             start[1] += np.log(factor)
         first = min((start[is_free] for start in starts), key=lambda start: negative(start)[0])
         limits = [(low, high) for low, high in zip(mean - 5.0 * spread, mean + 5.0 * spread, strict=True)]
@@ -197,12 +261,12 @@ class _Posterior:
             jac=True,
             method="L-BFGS-B",
             bounds=[limit for limit, free in zip(limits, is_free, strict=True) if free],
-            options={"maxiter": 40, "ftol": 1e-6},
+            options={"maxiter": 40 if about is None else 15, "ftol": 1e-6},
         )
         theta = mean.copy()
         theta[is_free] = result.x
         nugget_m = float(np.exp(0.5 * theta[-1])) if self.nugget_m is None else self.nugget_m
-        return WeightedKernel(_kernel(theta, member), nugget_m, -float(result.fun))
+        return _Fitted(theta, _kernel(theta, member), nugget_m, -float(result.fun))
 
     def _prior(self, member: Member) -> tuple[FloatArray, FloatArray]:
         """Return the prior means and standard deviations of the parameters."""
@@ -260,13 +324,10 @@ def _solved(
     """
     matrix = squareform(covariance, checks=False)
     np.fill_diagonal(matrix, diagonal)
-    factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
-    if failed:
+    found = inverse_and_log_determinant(matrix)
+    if found is None:
         return None
-    log_determinant = 2.0 * np.log(np.diag(factor)).sum()
-    lower, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    inverse: FloatArray = squareform(squareform(lower.T, checks=False), checks=False)
-    np.fill_diagonal(inverse, np.diag(lower))
+    inverse, log_determinant = found
     of_trend = inverse @ trend
     information = trend.T @ of_trend
     slope = inverse - of_trend @ np.linalg.solve(information, of_trend.T)

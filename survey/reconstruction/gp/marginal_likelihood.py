@@ -91,13 +91,30 @@ _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 
 
-class WeightedKernel(NamedTuple):
-    """A kernel, the relief too fine to be mapped [m], the log posterior at its maximum, and its weight."""
+class Patch(NamedTuple):
+    """Part of a site where a kernel holds: number of its centre among centres, and widths on either axis [m]."""
+
+    number: int
+    centres_m: tuple[tuple[float, float], ...]
+    width_m: tuple[float, float]
+
+    def share(self, xy: FloatArray) -> FloatArray:
+        """Return the share (M,) of the patch among all at places (M, 2), by normal weights about the centres."""
+        scaled = (xy[:, None] - np.array(self.centres_m)) / np.array(self.width_m)
+        squared = np.square(scaled).sum(axis=2)
+        weights = np.exp(-0.5 * (squared - squared.min(axis=1, keepdims=True)))
+        shares: FloatArray = weights[:, self.number] / weights.sum(axis=1)
+        return shares
+
+
+class KernelInAverage(NamedTuple):
+    """A kernel, the relief too fine to be mapped [m], the log posterior at its maximum, its weight, and where it holds."""
 
     kernel: Kernel
     nugget_m: float
     log_posterior: float
     weight: float = 1.0
+    patch: Patch | None = None
 
 
 @dataclass(frozen=True)
@@ -112,12 +129,12 @@ class Hyperparameters:
     nugget_m: float
     log_likelihood: float
     n_points: float = 1
-    average: tuple[WeightedKernel, ...] = ()
+    average: tuple[KernelInAverage, ...] = ()
 
     @property
-    def kernels(self) -> list[WeightedKernel]:
+    def kernels(self) -> list[KernelInAverage]:
         """Kernels with their weights, the heaviest first."""
-        return list(self.average) or [WeightedKernel(self.kernel, self.nugget_m, self.log_likelihood)]
+        return list(self.average) or [KernelInAverage(self.kernel, self.nugget_m, self.log_likelihood)]
 
     @property
     def score(self) -> float:
@@ -292,13 +309,13 @@ class KernelFit:
         n = len(self.values)
         terms = [term_of(part, self.lags_m) for part in parts_of(candidate)]
         diagonal = candidate.variance_m2 + self.noise_m2 + nugget_m2
-        inverted = _inverted(
+        solved = inverse_and_log_determinant(
             self.covariance_matrix(np.sum([term.covariance for term in terms], axis=0), diagonal)
         )
-        if inverted is None:
+        if solved is None:
             # Not positive definite in double precision: worse than anything that is.
             return 1e25, np.zeros_like(theta)
-        inverse, log_determinant = inverted
+        inverse, log_determinant = solved
         ones = inverse.sum(axis=1)
         weights = inverse @ self.values
         weights = weights - ones * (weights.sum() / ones.sum())
@@ -329,7 +346,7 @@ class KernelFit:
         return matrix
 
 
-def _inverted(matrix: FloatArray) -> tuple[FloatArray, float] | None:
+def inverse_and_log_determinant(matrix: FloatArray) -> tuple[FloatArray, float] | None:
     """Return the inverse of a symmetric matrix and its log determinant, None where it is not positive definite."""
     factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
     if failed:

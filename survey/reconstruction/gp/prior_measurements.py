@@ -14,15 +14,14 @@ estimated from the innovations S - m(H). A mean over a cell is that of four Gaus
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from survey.core import FloatArray, InputError
 from survey.reconstruction.gp.engines.regression import Process, means_of
-from survey.reconstruction.gp.satellite_cells import SatelliteCells, judge_cells
-from survey.reconstruction.prior import PriorErrors
+from survey.reconstruction.gp.satellite_cells import SatelliteCells
 
 _GAUSS = 0.5 / np.sqrt(3.0)
 # Places at once, which bounds the memory of their covariance with the cells.
@@ -31,33 +30,8 @@ _BLOCK = 2000
 _ARM = 1e-3
 
 
-class ConditionedOnCells(NamedTuple):
-    """A process given points and cells, its probability among those of one kernel, and the log evidence of the cells."""
-
-    process: "ProcessWithCells"
-    probability: float
-    log_evidence: float
-
-
-def condition_on_cells(
-    process: Process, cells: SatelliteCells, errors: PriorErrors
-) -> list[ConditionedOnCells]:
-    """Return a process given cells, with a free level where it contradicts the points and may hold all the same."""
-    base = _CellMeans(process, cells)
-    judged = judge_cells(cells, errors, base.expected, base.covariance)
-    evidence = judged.cells.sizes.log_evidence
-    stated = 0.0 if judged.stated is None else judged.stated.probability
-    found = [
-        ConditionedOnCells(ProcessWithCells(process, judged.cells, judged.conflicts), 1.0 - stated, evidence)
-    ]
-    if judged.stated is not None:
-        other = ProcessWithCells(process, judged.stated.cells, judged.conflicts)
-        found.append(ConditionedOnCells(other, stated, evidence))
-    return found
-
-
 @dataclass(frozen=True)
-class _CellMeans:
+class CellMeans:
     """Means of a process over cells (C,) [m], and their covariances with places [m²]."""
 
     process: Process
@@ -111,8 +85,8 @@ class ProcessWithCells(Process):
         object.__setattr__(self, "data", self.base.data)
 
     @cached_property
-    def _means(self) -> _CellMeans:
-        return _CellMeans(self.base, self.cells)
+    def _means(self) -> CellMeans:
+        return CellMeans(self.base, self.cells)
 
     @cached_property
     def _common(self) -> FloatArray:
@@ -144,7 +118,7 @@ class ProcessWithCells(Process):
         determinant = float(np.log(np.diag(self._factor)).sum())
         n = len(self.cells)
         misfit = 0.5 * (float(self._whitened @ self._whitened) + n * np.log(2.0 * np.pi))
-        return self.base.log_marginal_likelihood - misfit - determinant
+        return float(self.base.log_marginal_likelihood - misfit - determinant)
 
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance (M,) at places (M, 2)."""

@@ -41,7 +41,8 @@ class Piece(NamedTuple):
     """Points of a file that are sorted together.
 
     `file`: path of the file. `number`: number of the file among the sources. `first`, `n`: first point and
-    number of points. `ground_class`: class of the points to use; all but noise where None.
+    number of points. `ground_class`: class of the points to use; all but noise where None. `metres`: in a unit of the
+    places and of the heights of the file.
     """
 
     file: str
@@ -49,6 +50,7 @@ class Piece(NamedTuple):
     first: int
     n: int
     ground_class: int | None
+    metres: tuple[float, float] = (1.0, 1.0)
 
     @property
     def name(self) -> str:
@@ -56,7 +58,9 @@ class Piece(NamedTuple):
         return f"f{self.number:05d}_p{self.first:012d}"
 
 
-def pieces_of(file: Path, number: int, n_points: int, ground_class: int | None) -> list[Piece]:
+def pieces_of(
+    file: Path, number: int, n_points: int, ground_class: int | None, metres: tuple[float, float] = (1.0, 1.0)
+) -> list[Piece]:
     """Return the pieces of a file: equal parts of at most 2.5 million points.
 
     >>> [piece.n for piece in pieces_of(Path("a.laz"), 0, 6_500_000, None)]
@@ -64,7 +68,9 @@ def pieces_of(file: Path, number: int, n_points: int, ground_class: int | None) 
     """
     n_parts = -(-n_points // _PIECE_POINTS)
     ends = [-(-k * n_points // n_parts) for k in range(n_parts + 1)]
-    return [Piece(str(file), number, first, end - first, ground_class) for first, end in pairwise(ends)]
+    return [
+        Piece(str(file), number, first, end - first, ground_class, metres) for first, end in pairwise(ends)
+    ]
 
 
 def holds_class(file: Path, n_points: int, wanted: int) -> bool:
@@ -108,7 +114,7 @@ def sort_piece(layout: TileLayout, folder: Path, piece: Piece) -> int:
     shutil.rmtree(draft, ignore_errors=True)
     try:
         draft.mkdir(parents=True)
-        for chunk in read_chunks(piece.file, piece.first, piece.n):
+        for chunk in read_chunks(piece.file, piece.first, piece.n, piece.metres):
             _append(chunk, layout, draft, piece)
         _put_in_place(draft, target)
     except OSError as error:
@@ -271,6 +277,38 @@ def blunders_in(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> Blu
     xy = np.column_stack([chosen["x"], chosen["y"]]) * STEP_M + corner
     found = Blunders.among(np.column_stack([xy, chosen["z"] * STEP_M]), 0.0, least_m)
     return found._replace(rows=tested[found.rows])
+
+
+CONFLICT = np.dtype(
+    [("x", "<f8"), ("y", "<f8"), ("n", "<i8"), ("low", "<f8"), ("high", "<f8"), ("scatter", "<f8")]
+)
+"""A place [m] that holds heights which contradict one another: their number, range and standard deviation [m]."""
+_TIMES_SCATTER, _LEAST_SCATTER_M = 5.0, 0.1
+
+
+def conflicts_in(
+    layout: TileLayout, tile: MapTile, files: Sequence[Path], usual_m: float
+) -> npt.NDArray[np.void]:
+    """Return the places of a tile, equal to the millimetre, whose heights scatter by far more than is usual in a cell [m]."""
+    parts = [read_sorted(file) for file in files]
+    x, y, z = (np.concatenate([np.asarray(part[axis], np.int64) for part in parts]) for axis in "xyz")
+    order = np.lexsort((z, y, x))
+    x, y, z = x[order], y[order], z[order] * STEP_M
+    starts = np.flatnonzero(np.diff(x, prepend=-1) | np.diff(y, prepend=-1))
+    n = np.diff(starts, append=len(x))
+    mean = np.add.reduceat(z, starts) / n
+    squares = np.add.reduceat((z - np.repeat(mean, n)) ** 2, starts)
+    scatter = np.sqrt(squares / np.maximum(n - 1, 1))
+    chosen = np.flatnonzero(scatter > max(_TIMES_SCATTER * usual_m, _LEAST_SCATTER_M))
+    found = np.zeros(len(chosen), CONFLICT)
+    first, window = starts[chosen], layout.window(tile)
+    found["x"], found["y"] = (
+        x[first] * STEP_M + window.west * layout.cell_m,
+        y[first] * STEP_M + window.south * layout.cell_m,
+    )
+    found["n"], found["scatter"] = n[chosen], scatter[chosen]
+    found["low"], found["high"] = z[first], z[first + n[chosen] - 1]
+    return found
 
 
 def _ranges(

@@ -30,7 +30,10 @@ from survey.core import (
     write_json,
 )
 from survey.core.crs import datum_of_file
+from survey.core.lengths import FOOT_M
+from survey.core.transformation import metric_crs
 from survey.io.point_chunks import PointFileFacts, chunked_files, point_file_facts
+from survey.io.point_table import PLACE, units_of_table
 from survey.reconstruction.tiled.cells import Piece, holds_class, pieces_of
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 
@@ -152,6 +155,7 @@ def load_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
 
 
 _ENDS_BYTES = 65_536
+_FEET_TOLERANCE = 0.02
 
 
 def tiled_job(
@@ -162,19 +166,26 @@ def tiled_job(
     crs: Any = None,
     bounds: Bounds | None = None,
     control: Control | None = None,
+    units: str | None = None,
 ) -> TiledJob:
-    """Return the request of a map of point files, checked.
+    """Return the request of a map of point files, checked; places and heights in feet are converted, and the log states it.
 
     `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]; that of the points by default.
     """
     files = chunked_files(list(sources))
     facts = [point_file_facts(file) for file in files]
+    metres = [_metres(file, own, crs, units) for file, own in zip(files, facts, strict=True)]
+    facts = [
+        own._replace(bounds=(b[0] * m, b[1] * m, b[2] * m, b[3] * m))
+        for own, b, (m, _) in ((own, own.bounds, each) for own, each in zip(facts, metres, strict=True))
+    ]
+    _refuse_feet_among_metres(files, facts, metres)
     common, datum = _common_crs(files, facts, crs)
     layout = TileLayout.over(bounds or _bounds(facts), config.cell_m, config.tile_cells)
     pieces = []
-    for number, (file, own) in enumerate(zip(files, facts, strict=True)):
+    for number, (file, own, in_file) in enumerate(zip(files, facts, metres, strict=True)):
         ground = config.ground_class if holds_class(file, own.n_points, config.ground_class) else None
-        pieces += pieces_of(file.absolute(), number, own.n_points, ground)
+        pieces += pieces_of(file.absolute(), number, own.n_points, ground, in_file)
     return TiledJob(
         layout, config, folder.absolute(), tuple(pieces), common.to_wkt(), datum, control or Control.none()
     )
@@ -187,6 +198,38 @@ def _bounds(facts: Sequence[PointFileFacts]) -> Bounds:
     return float(low[0]), float(low[1]), float(high[0]) + 1e-6, float(high[1]) + 1e-6
 
 
+def _metres(file: Path, own: PointFileFacts, crs: Any, units: str | None) -> tuple[float, float]:
+    """Return the metres in a unit of the places and of the heights of a file."""
+    where = f"the point file {file}"
+    asked = own.crs if crs is None else crs
+    if asked is None:
+        return 1.0, 1.0  # refused by `_common_crs`
+    system, named = (metric_crs(each, where) for each in (asked if own.crs is None else own.crs, asked))
+    found = units_of_table(own.lengths, system, named.height_m, units, where)
+    return found[PLACE[0]], found[PLACE[2]]
+
+
+def _refuse_feet_among_metres(
+    files: Sequence[Path], facts: Sequence[PointFileFacts], metres: Sequence[tuple[float, float]]
+) -> None:
+    """Refuse a file whose heights are 3.28 times those of another one on the same ground, by the headers."""
+    known = [
+        (file, own.bounds, height_m * own.heights[0], height_m * own.heights[1])
+        for file, own, (_, height_m) in zip(files, facts, metres, strict=True)
+        if own.heights is not None and own.heights[0] > 0.0
+    ]
+    known.sort(key=lambda each: each[2])
+    for k, (file, a, low, high) in enumerate(known):
+        for other, b, other_low, other_high in known[k + 1 :]:
+            is_beside = a[0] > b[2] or b[0] > a[2] or a[1] > b[3] or b[1] > a[3]
+            ratio = (other_low + other_high) / (low + high) * FOOT_M
+            if not is_beside and other_low > high and abs(ratio - 1.0) < _FEET_TOLERANCE:
+                raise InputError(
+                    f"the heights of {other} ({other_low:.0f} to {other_high:.0f} m) are 3.28 times those of {file} ({low:.0f} to {high:.0f} m) "
+                    f"on the same ground, as feet are; map {other.name} alone with --units ft or us-ft, or state its unit in its header."
+                )
+
+
 def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: Any) -> tuple[CRS, str]:
     """Return the projected CRS of all files and their vertical datum."""
     found: CRS | None = None
@@ -195,7 +238,7 @@ def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: A
         stated = own.crs if own.crs is not None else given
         if stated is None:
             raise InputError(f"the point file {file} names no CRS; give it with --crs.")
-        stated_crs = CRS.from_user_input(stated)
+        stated_crs = metric_crs(stated, f"the point file {file}").crs
         own_crs = projected_crs(stated_crs, f"the point file {file}")
         own_datum = datum_of_file(own.vertical_datum, stated_crs, f"the point file {file}")
         found = own_crs if found is None else found
@@ -228,12 +271,14 @@ def begin(job: TiledJob) -> int:
 def _stated(job: TiledJob) -> dict[str, Any]:
     """Return what must be the same for the work to go on."""
     files = {piece.file: None for piece in job.pieces}
+    in_feet = {piece.file: list(piece.metres) for piece in job.pieces if piece.metres != (1.0, 1.0)}
     return {
         "settings": job.config.model_dump(mode="json"),
         "cells": list(job.layout.extent),
         "crs": job.crs,
         "prior": job.prior,
         "files": {file: fingerprint(Path(file)) for file in files},
+        **({"metres": in_feet} if in_feet else {}),
         "control": f"{zlib.crc32(np.column_stack([*job.control.xyz.T, job.control.sigma_m]).tobytes()):08x}",
     }
 

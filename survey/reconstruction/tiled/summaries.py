@@ -17,6 +17,7 @@ from survey.reconstruction.tiled.cells import (
     STEP_M,
     blunders_in,
     cell_statistics,
+    conflicts_in,
     mean_heights,
     slopes,
     sorted_points,
@@ -50,6 +51,9 @@ def summarise(job: TiledJob, tile: MapTile) -> int:
         "strips": _strip_table(cells, layout.cell_m),
         "blocks": relief_blocks(cells, slope, window, layout.cell_m, job.config.coarse_cells),
         "blunders": np.column_stack([found.xy, found.above_m]),
+        "conflicts": conflicts_in(
+            layout, tile, files, float(np.sqrt(usual if np.isfinite(usual) else USUAL_M2))
+        ),
         "usual_m2": np.array([usual, float((cells["n"] >= 4).sum())]),
     }
     with replacing(job.summary_file(tile)) as draft:

@@ -20,7 +20,7 @@ from survey.io.raster.large import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
 from survey.io.raster.writing import write_categories, write_raster
 from survey.reconstruction.nodes import bilinear
-from survey.reconstruction.observations import Blunders
+from survey.reconstruction.observations import Blunders, Contradictions
 from survey.reconstruction.terrain_map import FACTS_SHA256, INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.tiled.fine_relief import FineRelief, fine_relief, strip_variance
 from survey.reconstruction.tiled.global_parameters import (
@@ -50,6 +50,9 @@ def map_tile(job: TiledJob, shared: GlobalParameters, learnt: ReliefHyperparamet
     with threadpool_limits(limits=1, user_api="blas"):
         made, tested = tile_map(job, shared, learnt, tile)
     folder, window = job.folder / "tiles", job.layout.window(tile)
+    _raise_to_scatter(
+        made.std, np.asarray(load_arrays(job.summary_file(tile))["conflicts"]), window, job.layout.cell_m
+    )
     transform = window.transform(job.layout.cell_m)
     bands = {"elevation": made.height[::-1], "standard_deviation": made.std[::-1]}
     write_raster(folder / f"dem_{tile.name}.tif", bands, transform, job.map_crs, job.vertical_datum)
@@ -60,6 +63,16 @@ def map_tile(job: TiledJob, shared: GlobalParameters, learnt: ReliefHyperparamet
     with replacing(job.result_file(tile)) as draft:
         np.savez(draft, tested=tested, counts=np.bincount(support.ravel(), minlength=4))
     return len(tested)
+
+
+def _raise_to_scatter(
+    std: FloatArray, conflicts: npt.NDArray[np.void], window: CellWindow, cell_m: float
+) -> None:
+    """Let no standard deviation (rows, columns) [m] in or beside the cell of contradicting heights be below their scatter."""
+    for each in conflicts:
+        column, row = int(each["x"] // cell_m) - window.west, int(each["y"] // cell_m) - window.south
+        about = std[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+        np.maximum(about, each["scatter"], out=about)
 
 
 def tile_map(
@@ -149,6 +162,8 @@ def _tested(
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Nominal coverages of the reliability diagram."""
+_LEAST_COVERAGE = 0.5
+"""Share of withheld cells within the 95 % interval below which a map is not to be used."""
 _BLOCK_CELLS, _SMALLEST_BLOCK = 250, 31
 _LEAST_CELLS = 10
 
@@ -173,6 +188,13 @@ class WithheldTest(NamedTuple):
         within = {level: float(np.mean(ratio <= ndtri(0.5 + 0.5 * level))) for level in LEVELS if len(ratio)}
         rms = float(np.sqrt(np.mean(ratio**2))) if len(ratio) else float("nan")
         return cls(len(ratio), within.get(0.95, float("nan")), rms, within)
+
+    def warning(self) -> str:
+        """State that the map fails its own check, and what to look for."""
+        return (
+            f"the map fails its own check: {100.0 * self.coverage_95:.0f} % of {self.n:,} withheld cells lie within the 95 % interval, so do not "
+            "use it; its files disagree, for instance in the unit or datum of heights, so map each one alone, and name the unit with --units"
+        )
 
     def facts(self) -> dict[str, Any]:
         """Return the test for the record."""
@@ -275,10 +297,29 @@ def write_results(
     blunders = _blunders(job, tiles)
     if blunders:
         facts["diagnostics"]["blunders"] = blunders
+    conflicts = np.concatenate(
+        [np.asarray(load_arrays(job.summary_file(tile))["conflicts"]) for tile in tiles]
+    )
+    if len(conflicts):
+        facts["diagnostics"]["contradictions"] = [contradiction_facts(conflicts)]
+    if test.n >= _LEAST_CELLS and test.coverage_95 < _LEAST_COVERAGE:
+        facts["diagnostics"]["warnings"] = [test.warning()]
     with replacing(job.folder / "reconstruction.json") as draft:
         text = json.dumps(with_checksum(facts, FACTS_SHA256), indent=2, sort_keys=True)
         draft.write_text(text + "\n", encoding="utf-8")
     return TiledResult(facts, test, coverage)
+
+
+def contradiction_facts(conflicts: npt.NDArray[np.void]) -> dict[str, Any]:
+    """Return the record of the places (K,) of contradicting heights, the largest scatter first."""
+    worst = conflicts[np.argsort(-conflicts["scatter"], kind="stable")]
+    found = Contradictions(
+        np.zeros(0, np.int64), np.column_stack([worst["x"], worst["y"]]), worst["n"], worst["low"], worst["high"], worst["scatter"], 0.0
+    )  # fmt: skip
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in found.facts().items()
+    }
 
 
 def _blunders(job: TiledJob, tiles: Sequence[MapTile]) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ is written as rasters, as a table for spreadsheets, and as JSON.
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,6 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from shapely import MultiPolygon, Polygon
-from shapely.validation import explain_validity
 
 from survey.core import (
     BoolArray,
@@ -36,13 +35,18 @@ from survey.core import (
 )
 from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
 from survey.core.text import csv_cell
-from survey.core.transformation import transformed
-from survey.data.area import simple_rings
 from survey.data.dem import Dem
 from survey.data.grid import Grid
+from survey.data.outlines import (
+    check_polygon,
+    in_crs,
+    polygon_parts,
+    read_outlines_file,
+    refuse_nested,
+    with_simple_rings,
+)
 from survey.io.raster import band_count, raster_header, write_raster
 from survey.io.raster.large import read_averaged
-from survey.io.vector import polygon_layer, read_features
 from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.scoring.accuracy import NMAD_FACTOR
 from survey.scoring.change.coregistration import Shift
@@ -401,42 +405,24 @@ def coverage_notes(volumes: Iterable[VolumeChange]) -> tuple[str, ...]:
     )
 
 
-# Columns of names, of which the first that is not empty is taken: own files, the Randolph inventory, KML.
-_NAMES = ("name", "Name", "NAME", "glac_name", "rgi_id", "RGIId", "id")
+def read_outlines(
+    path: str | Path, crs: Any, select: Sequence[str] = ()
+) -> dict[str, Polygon | MultiPolygon]:
+    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS.
 
-
-def read_outlines(path: str | Path, crs: Any) -> dict[str, Polygon | MultiPolygon]:
-    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS."""
-    layer = polygon_layer(path, what="the outline file")
-    features = read_features(path, layer=layer, what="the outline file")
-    if features.crs is None:
-        raise InputError(f"the outline file {path} carries no coordinate reference system; save it with one.")
-    target = projected_crs(crs, "the surveys")
-    names = _names(features.attributes, len(features.geometry))
-    outlines: dict[str, Polygon | MultiPolygon] = {}
-    for name, shape in zip(names, features.geometry, strict=True):
-        if not isinstance(shape, Polygon | MultiPolygon) or shape.is_empty:
-            kind = "nothing" if shape is None else f"a {shape.geom_type}"
-            raise InputError(f"{path}: the outline {name!r} is {kind}; a polygon was expected.")
-        flat = shapely.force_2d(simple_rings(shape))
-        moved = shapely.transform(flat, lambda xy: transformed(xy, features.crs, target, str(path)))
-        if not moved.is_valid or moved.area <= 0.0:
-            raise InputError(
-                f"{path}: the outline {name!r} is not a simple polygon ({explain_validity(moved)}); correct it in a GIS."
-            )
-        outlines[name] = moved
-    return outlines
-
-
-def _names(columns: dict[str, Any], n: int) -> list[str]:
-    """Return the names of the file, numbered where they are missing or repeated."""
-    present = [columns[name] for name in _NAMES if name in columns]
-    names: list[str] = []
-    for index in range(1, n + 1):
-        texts = (str(column[index - 1]).strip() for column in present if column[index - 1] is not None)
-        name = next((text for text in texts if text), "outline")
-        names.append(f"{name} {index}" if name in names or name == "outline" else name)
-    return names
+    `select`: which of them; a name, or ``COLUMN=VALUE``, with ``*`` for any letters.
+    """
+    what = "the outline file"
+    found = read_outlines_file(path, what, select=select, has_roles=False)
+    features = with_simple_rings(found.features)
+    refuse_nested(features, only_parts=True)
+    wheres = [f"{found.where}: the outline {printable(name)!r}" for name in found.names]
+    for where, shape in zip(wheres, features.geometry, strict=True):
+        polygon_parts(shape, where)
+    shapes = shapely.force_2d(in_crs(features, projected_crs(crs, "the surveys"), found.where).geometry)
+    for where, shape in zip(wheres, shapes, strict=True):
+        check_polygon(shape, where)
+    return dict(zip(found.names, shapes, strict=True))
 
 
 _AVERAGED_CELLS = 4_000_000
@@ -454,14 +440,16 @@ def averaged_step_m(files: list[Path]) -> float | None:
     return float(max(np.sqrt(sides).max(), *(header.transform.a for header in headers)))
 
 
-def average_survey(file: Path, step_m: float, crs: Any = None) -> Reconstruction | Dem:
+def average_survey(
+    file: Path, step_m: float, crs: Any = None, units: str | None = None
+) -> Reconstruction | Dem:
     """Return a survey averaged over squares of about a given side; a second band is its standard deviation.
 
     `step_m`: side of the squares [m]; whole cells are taken, at least one.
     """
     cells = max(1, math.ceil(step_m / raster_header(file).transform.a - 1e-9))
     bands = (1, 2) if band_count(file) > 1 else (1,)
-    rasters = read_averaged(file, cells, bands)
+    rasters = read_averaged(file, cells, bands, units)
     system = agreed_crs(rasters[0].crs, crs, str(file))
     mean, *std = (Dem(one.values, one.transform, system, one.vertical_datum) for one in rasters)
     if not std:

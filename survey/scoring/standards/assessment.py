@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from survey.core.errors import InputError
+from survey.core.lengths import FOOT_M
 from survey.scoring.accuracy import ErrorStatistics
 from survey.scoring.standards.checkpoint_errors import (
     BLUNDER_FACTOR,
@@ -32,7 +33,6 @@ from survey.scoring.standards.checkpoint_errors import (
 from survey.scoring.standards.standards import (
     DIVISORS,
     EDITION_2,
-    FOOT_M,
     INTERVALS_FT,
     NSSDA,
     SMALLEST_RATIO,

@@ -24,13 +24,13 @@ from survey.core import (
     same_vertical_datum,
     stream,
 )
+from survey.core.lengths import FOOT_M
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.scoring.coverage import mapped_share
 from survey.scoring.standards.checkpoints import Checkpoints
 from survey.scoring.standards.standards import (
     ASPRS_2014,
-    FOOT_M,
     LEAST_COVERED,
     Standard,
     checkpoints_2014,

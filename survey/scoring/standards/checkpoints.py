@@ -29,7 +29,7 @@ from survey.core import (
 )
 from survey.core.arrays import lattice_places
 from survey.core.map_scale import MapScale
-from survey.core.transformation import transformed
+from survey.core.transformation import metric_crs, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
@@ -117,6 +117,7 @@ class Checkpoints:
         sigma_m: float | None = None,
         vertical_datum: str | None = None,
         columns: Mapping[str, str] | None = None,
+        units: str | None = None,
     ) -> Self:
         """Read checkpoints from a table (CSV, text), GeoPackage, GeoJSON, GPX, LAS/LAZ or PLY.
 
@@ -136,6 +137,8 @@ class Checkpoints:
             For files that do not state it.
         columns : mapping of str to str, optional
             Column of a table by own name, such as ``{"x_m": "Rechtswert", "sigma_z_m": "SDV"}``.
+        units : {"m", "ft", "us-ft"}, optional
+            Unit of heights and their standard deviations where neither column, header nor CRS states it.
 
         Raises
         ------
@@ -143,13 +146,14 @@ class Checkpoints:
             A damaged file, no uncertainty, or points that were control: a map agrees with
             the points that it was made from.
         """
-        named = read_named_points(path, "the checkpoint file", columns)
+        named = read_named_points(path, "the checkpoint file", columns, crs=crs, units=units)
+        crs = None if crs is None else metric_crs(crs, str(path)).crs
         table = named.table
         _refuse_control(path, named)
         sigma = table.columns.get("sigma_z_m", sigma_m)
         if sigma is None:
             raise InputError(
-                f"{path} states no uncertainty of the checkpoints' heights; add a column sigma_z_m, choose one with --columns sigma_z=NAME, or name one sigma for all."
+                f"{path} states no uncertainty of the checkpoints' heights; name one for all with --sigma, choose a column with --columns sigma_z=NAME, or add a column sigma_z_m."
             )
         stated = table.vertical_datum
         if stated and vertical_datum:
@@ -253,7 +257,7 @@ def _places(path: str | Path, table: PointTable, crs: Any) -> tuple[FloatArray, 
 
 def control_places(path: str | Path, crs: Any) -> FloatArray:
     """Read the places (M, 2) [m] of the points that a map was made from; their other columns do not matter."""
-    table = read_named_points(path, "the control file").table
+    table = read_named_points(path, "the control file", crs=crs, units="m").table
     xy = np.column_stack([table.columns[name] for name in PLACE[:2]])
     return xy if table.crs is None else transformed(xy, table.crs, projected_crs(crs, "the map"), str(path))
 

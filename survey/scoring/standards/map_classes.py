@@ -9,6 +9,7 @@ certificate is as good as the map's standard deviation.
 from dataclasses import dataclass, replace
 
 from survey.core.errors import ConfigError, InputError
+from survey.core.lengths import FOOT_M
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.checks import CONFIDENCE, RmseClaim, RmsePosterior
 from survey.reconstruction.motion.epoch import AGE, MapAge
@@ -16,7 +17,6 @@ from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.standards.standards import (
     CONTOURS,
     DIVISORS,
-    FOOT_M,
     INTERVALS_FT,
     LEAST_COVERED,
     PAPER,

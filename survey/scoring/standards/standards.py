@@ -14,7 +14,7 @@ from typing import Literal
 
 from survey.core.errors import ConfigError, InputError
 
-FOOT_M, INCH_M = 0.3048, 0.0254
+INCH_M = 0.0254
 PAPER = "asprs-1990-as-in-paper"
 SPOT_HEIGHTS = "asprs-1990-spot-heights"
 CONTOURS = "asprs-1990-contours"

@@ -251,3 +251,24 @@ def test_a_wrong_file_is_refused_in_a_sentence(opened, tmp_path: Path, name, con
     opened.page.wait_for_selector("#refusal:not([hidden])")
     assert name.split(".")[0] in opened.page.inner_text("#refusal")
     assert opened.server.workspace.store.revision == 0
+
+
+def test_one_glacier_of_an_inventory_is_chosen(opened, tmp_path):
+    import numpy as np
+    import shapely
+    from pyproj import CRS
+
+    from survey.io.vector import write_features
+
+    shapes = [shapely.box(WEST + x, SOUTH + 100.0, WEST + x + 200.0, SOUTH + 300.0) for x in (100.0, 500.0)]
+    columns = {"RGIId": ["RGI60-01.00001", "RGI60-01.00002"], "Name": ["Gulkana", "Wolverine"]}
+    attributes = {name: np.array(values, dtype=object) for name, values in columns.items()}
+    write_features(tmp_path / "rgi.gpkg", shapes, attributes, CRS("EPSG:32608"), layer="rgi")
+    revision, n_areas = opened.server.workspace.store.revision, len(opened.document["areas"])
+    opened.page.set_input_files("#open-file", tmp_path / "rgi.gpkg")
+    opened.page.select_option("#outline-choice", "RGIId=RGI60-01.00002")
+    opened.page.click("#outlines button[value=take]")
+    opened.wait_for_revision(revision + 1)
+    assert len(opened.document["areas"]) == n_areas + 1
+    assert min(x for x, _ in opened.document["areas"][-1][0]) == WEST + 500.0
+    assert opened.page.query_selector("#outlines") is None

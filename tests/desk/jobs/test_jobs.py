@@ -158,7 +158,7 @@ def test_the_log_of_a_watch_is_followed_with_the_map_of_each_update(page, worksp
     assert "there is no log hills.watch.jsonl" in events_of(page, "watch")[-1]["error"]
     log = workspace.folder / "hills.watch.jsonl"
     log.write_text("{}\n")
-    assert "is no log of firnline watch" in events_of(page, "watch")[-1]["error"]
+    assert "or no log of firnline watch" in events_of(page, "watch")[-1]["error"]
     log.write_text("".join(line_of(entry) for entry in driven_entries(workspace)))
     *events, last = events_of(page, "watch")
     assert (last["kind"], last["sentence"]) == ("done", events[-1].get("text", last["sentence"]))

@@ -78,3 +78,30 @@ def test_an_outline_beside_a_raster_in_another_crs_is_refused(dem_file):
 
     with pytest.raises(FirnlineError, match="different systems"):
         dropped("error.tif", dem_file.read_bytes(), CRS("EPSG:32609"))
+
+
+def test_a_file_of_many_outlines_is_answered_with_a_choice(tmp_path):
+    import numpy as np
+    import shapely
+
+    from survey.io.vector import write_features
+
+    shapes = [shapely.box(WEST + 100.0 * k, SOUTH, WEST + 100.0 * k + 50.0, SOUTH + 90.0) for k in range(3)]
+    columns = {"RGIId": [f"RGI60-01.0000{k}" for k in range(3)], "Name": ["Gulkana", None, "Wolverine"]}
+    attributes = {name: np.array(values, dtype=object) for name, values in columns.items()}
+    write_features(tmp_path / "rgi.gpkg", shapes, attributes, area().crs, layer="rgi")
+    content = (tmp_path / "rgi.gpkg").read_bytes()
+    found = dropped("rgi.gpkg", content, area().crs)
+    assert found["kind"] == "choices"
+    assert [choice["title"] for choice in found["choices"]][:2] == [
+        "all of them",
+        "RGIId=RGI60-01.00000 (Gulkana)",
+    ]
+    chosen = dropped("rgi.gpkg", content, area().crs, [found["choices"][3]["select"]])
+    assert chosen["document"]["areas"][0][0][0] == pytest.approx([WEST + 250.0, SOUTH], abs=1e-3)
+    assert len(dropped("rgi.gpkg", content, area().crs, ["*"])["document"]["areas"]) == 3
+    many = [shapely.box(WEST + 20.0 * k, SOUTH, WEST + 20.0 * k + 9.0, SOUTH + 9.0) for k in range(13)]
+    write_features(tmp_path / "fields.gpkg", many, {"id": np.arange(13)}, area().crs, layer="fields")
+    fields = (tmp_path / "fields.gpkg").read_bytes()
+    assert len(dropped("fields.gpkg", fields, area().crs)["choices"]) == 14
+    assert len(dropped("fields.gpkg", fields, area().crs, ["*"])["document"]["areas"]) == 13

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from desk.plan.document import MOST_VERTICES
 from desk.workspace import open_workspace
+from survey.data.outlines import MOST_CORNERS
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
 
@@ -57,7 +57,7 @@ def test_an_edit_of_an_outdated_document_is_refused(page, workspace):
         {"starts": [[None, 1.0]]},
         {"unknown": 1},
         {"planner": {"swaths": [1, 2, 3]}},
-        {"areas": [[[[k, k * k] for k in range(MOST_VERTICES + 1)]]]},
+        {"areas": [[[[k, k * k] for k in range(MOST_CORNERS + 1)]]]},
     ],
 )
 def test_a_wrong_document_is_refused_in_a_sentence(page, workspace, changes):

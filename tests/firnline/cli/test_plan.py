@@ -85,7 +85,7 @@ def test_a_prior_too_coarse_to_predict_from_still_plans():
     ("shape", "crs", "message"),
     [
         (shapely.Polygon([(0, 0), (100, 100), (100, 0), (0, 100)]), CRS, "Self-intersection"),
-        (shapely.Polygon(), CRS, "holds empty shapes alone"),
+        (shapely.Polygon(), CRS, "feature 1 is an empty polygon"),
         (shapely.LineString([(0, 0), (100, 0), (100, 100)]), CRS, "a LineString; a polygon was expected"),
         (shapely.Polygon(shapely.box(0, 0, 90, 90).exterior, [shapely.box(200, 0, 210, 10).exterior]), CRS, "outside shell"),
         (shapely.box(-134.5, 89.9, -134.4, 90.5), "EPSG:4326", "not on Earth"),

@@ -238,10 +238,14 @@ def test_a_reference_of_wider_cells_is_noted(site: Path) -> None:
     assert "cells of the reference are 100 m wide" in output_of("score", "map.tif", "--truth", "coarse.tif")
 
 
-def test_checkpoints_in_feet_are_refused_where_their_column_is_chosen(site: Path) -> None:
-    Path("feet.csv").write_text("Point,E,N,Elevation (ft),SDV\nA,45,45,330,0.01\n")
+def test_checkpoints_in_feet_are_converted_and_results_are_in_both(site: Path) -> None:
+    height = float(Dem.read("map.tif").at([[45.0, 45.0]])[0]) + 0.3048
+    Path("feet.csv").write_text(f"Point,E,N,Elevation (ft),SDV\nA,45,45,{height / 0.3048!r},0.01\n")
     chosen = ("--columns", "z=Elevation (ft)")
-    assert "is in feet" in output_of("score", "map.tif", "--checkpoints", "feet.csv", *chosen, code=3)
+    assert "0.305 m (1.001 ft)" in output_of("score", "map.tif", "--checkpoints", "feet.csv", *chosen)
+    Path("bare.csv").write_text(f"A,45,45,{height / 0.3048!r},mark\n")
+    options = ("--format", "penzd", "--units", "ft", "--sigma", "0.01")
+    assert "0.305 m (1.001 ft)" in output_of("score", "map.tif", "--checkpoints", "bare.csv", *options)
 
 
 def test_a_change_states_the_subtracted_level_and_outlines_that_are_mapped_in_part(site: Path) -> None:

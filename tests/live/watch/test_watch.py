@@ -144,11 +144,13 @@ def test_an_incomplete_request_and_a_damaged_log_are_refused(tmp_path):
     ("content", "said"),
     [
         ("", "has no complete line"),
-        ("1 2 3\n", "line 1: no JSON object"),
+        ("1 2 3\n", "line 1 is damaged or no JSON"),
+        ("[]\n", "line 1: no JSON object"),
+        ("[" * 100_000 + "\n", "line 1 is damaged or no JSON (nested deeper"),
         ('{"a":1}\n', "line 1: 'firnline_watch': 1 was expected"),
-        ('{"firnline_watch":1}\n', "line 1: the survey cannot be read ('no_go')"),
-        ("HEADING\n{\n", "line 2: no JSON object"),
-        ('HEADING\n{"in":"sample","sample":[1.0]}\n', "line 2: no input of a watch"),
+        ('{"firnline_watch":1}\n', "line 1, is damaged or no survey (it lacks 'no_go')"),
+        ("HEADING\n{\n", "line 2 is damaged or no JSON"),
+        ('HEADING\n{"in":"sample","sample":[1.0]}\n', "line 2, is damaged or no input of a watch"),
     ],
 )
 def test_a_damaged_log_is_refused_with_its_line(content, said, tmp_path):

@@ -35,7 +35,6 @@ def test_seconds_and_stated_errors_are_read(tmp_path):
         ("time,x,y,z\n1,2,3,4\n", "has no column of points"),
         ("point,x,y,z\n1,2,3,4\n", "has no column of times"),
         ("point,time,lon,lat,z\n1,5,7,46,3\n", "places in degrees"),
-        ("point,time,x,y,elev_ft\n1,5,7,46,3\n", "is in feet"),
         ("point,time,x,y,z\n1,noon,0,0,0\n", "line 2: 'noon' is no time"),
         ("point,time,x,y,z\n1,5,east,0,0\n", "line 2: 'east' in the column x is no number"),
         ("point,time,x,y,z\n1,5,nan,0,0\n", "line 2: the column x holds no finite number"),

@@ -188,4 +188,4 @@ def test_missions_of_ground_stations_are_read() -> None:
     text = read_plan(folder / "MissionPlanner.waypoints", "EPSG:32610")
     plan = read_plan(folder / "SectionTest.plan", "EPSG:32610")
     assert len(text.path()) == 5
-    assert len(plan.path()) == 3
+    assert len(plan.path()) == 4  # take-off and three waypoints

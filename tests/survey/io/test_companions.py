@@ -94,9 +94,24 @@ def test_bands_that_are_no_mosaic_are_refused(kind: str, tmp_path: Path) -> None
         raster_sources(tmp_path / "a.vrt")
 
 
-def test_a_virtual_raster_that_names_itself_comes_to_an_end(tmp_path: Path) -> None:
-    (tmp_path / "a.vrt").write_text(MOSAIC.format(bands=source("a.vrt")))
-    assert names(raster_sources(tmp_path / "a.vrt")) == ["a.vrt"]
+def test_virtual_rasters_that_are_made_of_themselves_are_refused(tmp_path: Path) -> None:
+    for name, other in (("a", "a"), ("b", "c"), ("c", "d"), ("d", "link")):
+        (tmp_path / f"{name}.vrt").write_text(MOSAIC.format(bands=source(f"{other}.vrt")))
+    (tmp_path / "link.vrt").symlink_to(tmp_path / "b.vrt")
+    for name, words in (
+        ("a", r"a\.vrt names a\.vrt"),
+        ("b", r"d\.vrt names link\.vrt"),
+        ("d", r"c\.vrt names d"),
+    ):
+        with pytest.raises(InputError, match=f"{words}.* as a source, which is made of"):
+            Dem.read(tmp_path / f"{name}.vrt")
+
+
+def test_a_source_that_is_named_twice_is_no_circle(tmp_path: Path) -> None:
+    (tmp_path / "a.tif").write_bytes(b"x")
+    (tmp_path / "inner.vrt").write_text(MOSAIC.format(bands=source("a.tif")))
+    (tmp_path / "outer.vrt").write_text(MOSAIC.format(bands=2 * source("inner.vrt")))
+    assert names(raster_sources(tmp_path / "outer.vrt")) == ["a.tif", "inner.vrt"]
 
 
 def test_entities_are_refused(tmp_path: Path) -> None:

@@ -232,7 +232,7 @@ def test_wrong_and_missing_systems_are_refused(tmp_path: Path) -> None:
     for crs, words in (
         (None, "no coordinate reference system"),
         ("EPSG:4326", "measures 5,... km; one projected CRS"),
-        ("EPSG:2225", "foot"),
+        ("EPSG:2225", "its places count in US survey feet; name the unit of the heights with --units"),
     ):
         profile = {"height": 5, "width": 5, "count": 1, "dtype": "float32", "driver": "GTiff"}
         with rasterio.open(tmp_path / "a.tif", "w", crs=crs, transform=place, **profile) as target:
@@ -241,6 +241,6 @@ def test_wrong_and_missing_systems_are_refused(tmp_path: Path) -> None:
             Dem.read(tmp_path / "a.tif")
     with rasterio.open(tmp_path / "a.tif", "w", crs="EPSG:32608+6360", transform=place, **profile) as target:
         target.write(values, 1)
-    # NAVD88 height in US survey feet.
-    with pytest.raises(InputError, match="unit is the US survey foot"):
-        Dem.read(tmp_path / "a.tif")
+    read = Dem.read(tmp_path / "a.tif")
+    assert read.vertical_datum == "NAVD88 height"
+    assert read.elevation == pytest.approx(np.full((5, 5), 1200.0 / 3937.0))

@@ -117,7 +117,9 @@ def test_more_points_than_fit_the_memory_are_refused(tmp_path: Path, monkeypatch
 def test_heights_beyond_all_ground_are_refused(tmp_path: Path, heights: tuple[float, float]) -> None:
     rows = "".join(f"1,{k},{height},0.1\n" for k, height in enumerate(heights))
     (tmp_path / "p.csv").write_text("x_m,y_m,z_m,sigma_z_m\n" + rows)
-    with pytest.raises(InputError, match=r"beyond all ground on Earth; check which column holds the heights"):
+    with pytest.raises(
+        InputError, match=r"beyond all ground on Earth; choose the column of heights with --columns"
+    ):
         read_point_table(tmp_path / "p.csv")
 
 

@@ -78,8 +78,7 @@ def test_a_mapping_settles_two_columns_of_heights(tmp_path: Path) -> None:
     [
         ("Point,Easting,Northing,Elevation,SDH\nA,1,2,3,0.01\n", "states no uncertainty of the checkpoints' heights.*sigma_z=NAME"),
         ("Easting,Northing,Elevation,SDV,VRMS\n1,2,3,0.1,0.1\n", "SDV and VRMS, and either could be meant"),
-        ("Easting (ft),Northing (ft),Elevation (ft)\n1,2,3\n", r"Easting \(ft\) is in feet"),
-        ("Easting,Northing,Elevation,SDV (ft)\n1,2,3,0.1\n", r"SDV \(ft\) is in feet"),
+        ("Easting (ft),Northing (ft),Elevation (ft)\n1,2,3\n", "its places in feet, and its CRS counts in metres; name the foot with --units"),
         ("1,500100,6700200,812\n2,500200,6700300,815\n", "no header line"),
         ("Easting;Northing;Elevation;SDV\n1,5;2.5;3;0,1\n", "line 2: '2.5' in the column Northing .*decimal commas"),
         ("Easting,Northing,Elevation,SDV\n1,2,x,0.1\n", "line 2: 'x' in the column Elevation is no number"),

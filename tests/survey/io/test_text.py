@@ -181,16 +181,16 @@ def test_colours_may_follow_the_places_of_a_table_without_a_header(tmp_path: Pat
     found = read_point_table(tmp_path / "cloud.xyz").columns
     assert [float(found[name][0]) for name in ("x_m", "y_m", "z_m")] == [500001.5, 6700002.5, 812.5]
     (tmp_path / "cloud.xyz").write_text("1 500001.5 6700002.5 812.5\n2 500001.5 6700002.5 812.5\n")
-    with pytest.raises(InputError, match=r"no header line .* names its columns in their order"):
+    with pytest.raises(InputError, match=r"no header line .* name the order of its columns with --format"):
         read_point_table(tmp_path / "cloud.xyz")
 
 
 @pytest.mark.parametrize(
     "name", ["Elevation (US Survey Foot)", "Elev (sft)", "Elevation_USft", "Elevation [ift]"]
 )
-def test_every_name_of_feet_is_refused_as_such(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=r"is in feet; convert it to metres"):
-        read_point_table(written(tmp_path, f"Point,Northing,Easting,{name}\n1,6700002.5,500001.5,2665.7\n"))
+def test_every_name_of_feet_is_converted(tmp_path: Path, name: str) -> None:
+    file = written(tmp_path, f"Point,Northing,Easting,{name}\n1,6700002.5,500001.5,2665.7\n")
+    assert read_point_table(file).columns["z_m"] == pytest.approx([2665.7 * 0.3048], abs=0.01)
 
 
 def test_coordinates_that_a_spreadsheet_shortened_are_refused(tmp_path: Path) -> None:

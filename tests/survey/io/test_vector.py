@@ -65,7 +65,6 @@ def test_names_of_points_are_read_from_a_shapefile(tmp_path: Path) -> None:
     [
         (PLACES[:, :2], {"code": [1, 2]}, {}, "points without a height; .* --columns z=NAME"),
         (PLACES[:, :2], {"elev": [1.0, 2.0], "height": [3.0, 4.0]}, {}, "either could be meant"),
-        (PLACES[:, :2], {"elev_ft": [1.0, 2.0]}, {}, "is in feet"),
         (PLACES[:, :2], {"elev": ["1,5", "2,0"]}, {}, "text in the attribute elev"),
         (FLAT, {"elev": [1.0, 2.0]}, {}, "heights of 0 in its geometry and others in the attribute elev"),
         (PLACES, {"elev": [1.0, 2.0]}, {"z_m": "h"}, "has no column 'h'"),

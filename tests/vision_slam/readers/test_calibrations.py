@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from survey import Camera
 from survey.core.errors import InputError
+from survey.data.camera import off_centre_note
 from vision_slam.readers.calibrations import read_calibration
 
 ROS = """\
@@ -91,9 +94,10 @@ def test_an_equidistant_lens_is_a_fisheye(tmp_path: Path) -> None:
         (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "camera model is 'omni'"),
         (KALIBR.replace("radtan", "fov"), "lens model is 'fov'"),
         (ROS.replace("0.002, 0]", "0.002, 0, 0.3, 0.1, 0.2]"), "8 coefficients of distortion"),
-        (ROS.replace("image_width: 640\n", ""), "no complete calibration"),
+        (ROS.replace("image_width: 640\n", ""), "or no complete one .it lacks 'image_width'"),
         ("a: 1\n", "no calibration of ROS, OpenCV, Kalibr or ORB-SLAM"),
-        ("a: [1\n", "not valid YAML"),
+        ("a: [1\n", "no valid YAML .*line 2"),
+        ("[" * 5000, "no valid YAML .*recursion"),
         ("3\n", "holds no keys"),
     ],
 )
@@ -101,3 +105,26 @@ def test_other_calibrations_are_refused_by_what_is_wrong(tmp_path: Path, text: s
     (tmp_path / "camera.yaml").write_text(text)
     with pytest.raises(InputError, match=words):
         read_calibration(tmp_path / "camera.yaml")
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "said"),
+    [
+        (320, 240, None),
+        (640, 480, "0.5 times this size: multiply fx, fy, cx and cy by 2 where"),
+        (170, 128, "1.9 times this size: multiply fx, fy, cx and cy by 0.53 where"),
+        (640, 260, "a part cut out of larger images"),
+    ],
+)
+def test_a_principal_point_far_from_the_middle_is_noted_with_the_scale(width, height, said):
+    matrix = np.array([[150.0, 0.0, 159.5], [0.0, 150.0, 119.5], [0.0, 0.0, 1.0]])
+    note = off_centre_note(Camera("pinhole", width, height, matrix, np.zeros(5), np.eye(4)))
+    assert note is None if said is None else said in note
+
+
+def test_a_calibration_of_twice_the_size_is_refused_with_the_scale():
+    matrix = np.array([[300.0, 0.0, 320.0], [0.0, 300.0, 240.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(
+        InputError, match=r"outside of the image of 320 × 240.* for images of 2 times this size"
+    ):
+        Camera("pinhole", 320, 240, matrix, np.zeros(5), np.eye(4))

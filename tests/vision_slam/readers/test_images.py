@@ -44,7 +44,7 @@ def test_a_jpeg_image_without_its_end_is_refused_even_with_a_small_image_in_its_
 def test_an_image_that_lacks_a_part_is_named(tmp_path):
     content = content_of("PNG")
     (tmp_path / "a.png").write_bytes(content[:300])
-    with pytest.raises(InputError, match=r"a\.png is no image that can be read .* get it again"):
+    with pytest.raises(InputError, match=r"a\.png is damaged or no image that can be read .* get it again"):
         read_photo(tmp_path / "a.png")
 
 

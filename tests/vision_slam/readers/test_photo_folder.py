@@ -210,7 +210,7 @@ def test_a_damaged_date_is_refused_in_one_sentence(tmp_path):
     header = Image.Exif()
     header.get_ifd(0x8769)[36867] = "2024-99-12 12"
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.jpg", exif=header)
-    with pytest.raises(InputError, match="damaged EXIF"):
+    with pytest.raises(InputError, match=r"the EXIF of .*a.jpg is damaged .* strip it"):
         read_sequence(tmp_path)
 
 
@@ -221,3 +221,93 @@ def test_a_clock_that_differs_from_that_of_the_positions_is_noted(tmp_path, behi
         photo(tmp_path / f"{k}.jpg", second=k, gps=tags, subseconds="")
     notes = " ".join(read_sequence(tmp_path).notes)
     assert ("the camera's clock is about 25 s behind that of its positions" in notes) == is_noted
+
+
+def altered(tags, **changes):
+    """Return GPS tags with some replaced, or left out where None; names are t and the number of the tag."""
+    given = {int(name[1:]): value for name, value in changes.items()}
+    return {tag: value for tag, value in {**tags, **given}.items() if value is not None}
+
+
+NO_NUMBER, ZERO = IFDRational(0, 0), IFDRational(0, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "lacks"),
+    [
+        ({"t1": None, "t3": None}, "no hemisphere"),
+        ({"t3": "N"}, "no hemisphere"),
+        ({"t1": ""}, "no hemisphere"),
+        ({"t6": None}, "no altitude"),
+        ({"t6": NO_NUMBER}, "no altitude"),
+        ({"t6": IFDRational(4294967295, 1)}, "no altitude"),
+        ({"t5": b"\x02"}, "an altitude above something else"),
+        ({"t2": None}, "no latitude and longitude on the Earth"),
+        ({"t2": (NO_NUMBER, NO_NUMBER, NO_NUMBER)}, "no latitude and longitude on the Earth"),
+        ({"t4": (IFDRational(200, 1), ZERO, ZERO)}, "no latitude and longitude on"),
+        ({"t2": (ZERO,) * 3, "t4": (ZERO,) * 3}, "a position of 0° N 0° E"),
+        (
+            {"t1": None, "t2": None, "t3": None, "t4": None, "t5": None, "t6": None, "t29": "2024:06:12"},
+            "no latitude, longitude and altitude",
+        ),
+    ],
+)
+def test_a_position_that_cannot_be_used_is_counted_and_named(tmp_path, changes, lacks):
+    for k in range(5):
+        tags = position(58.4 + 1e-4 * k, -134.6)
+        photo(tmp_path / f"{k}.jpg", second=k, gps=tags if k not in (1, 3) else altered(tags, **changes))
+    sequence = read_sequence(tmp_path)
+    assert len(sequence.gps.time_s) == 3
+    assert any(note.startswith(f"2 images, the first 1.jpg, state {lacks}") for note in sequence.notes), (
+        sequence.notes
+    )
+
+
+def test_positions_that_cannot_be_used_are_named_where_none_is_left(tmp_path):
+    for k in range(3):
+        photo(tmp_path / f"{k}.jpg", second=k, gps=altered(position(58.4, -134.6), t1=None))
+    sequence = read_sequence(tmp_path)
+    assert sequence.gps is None
+    assert any("3 images, the first 0.jpg, state no hemisphere" in note for note in sequence.notes)
+
+
+def test_images_without_and_with_a_position_in_xmp_alone_are_named(tmp_path):
+    for k in range(4):
+        photo(tmp_path / f"{k}.jpg", second=k, gps=position(58.4 + 1e-4 * k, -134.6) if k < 2 else None)
+    with Image.open(tmp_path / "3.jpg") as stored:
+        pixels = stored.copy()
+    pixels.save(tmp_path / "3.jpg", exif=exif_of(3), xmp=b'<x:xmpmeta drone-dji:GpsLatitude="58.4"/>')
+    notes = read_sequence(tmp_path).notes
+    assert any("1 of 4 images state no position in EXIF" in note for note in notes)
+    assert any("1 images, the first 3.jpg, state a position in XMP alone" in note for note in notes)
+
+
+def test_an_altitude_below_the_sea_or_without_a_reference_is_used(tmp_path):
+    for k, changes in enumerate(({"t5": b"\x01"}, {"t5": None}, {"t5": 1}, {})):
+        photo(tmp_path / f"{k}.jpg", second=k, gps=altered(position(58.4 + 1e-4 * k, -134.6, 7.0), **changes))
+    np.testing.assert_allclose(read_sequence(tmp_path).gps.place[:, 2], [-7.0, 7.0, -7.0, 7.0])
+
+
+@pytest.mark.parametrize(
+    ("heights", "used"),
+    [
+        ([700, 0, 0, 701], [700, 701]),
+        ([0, 700, 701, 0], [700, 701]),
+        ([3, 0, 0, -2], [3, 0, 0, -2]),
+        ([0, 0, 5, 40], [0, 0, 5, 40]),
+    ],
+)
+def test_an_altitude_of_zero_among_others_far_from_it_is_no_fix(tmp_path, heights, used):
+    for k, height in enumerate(heights):
+        tags = altered(position(58.4 + 1e-4 * k, -134.6, abs(height)), t5=b"\x01" if height < 0 else b"\x00")
+        photo(tmp_path / f"{k}.jpg", second=k, gps=tags)
+    log = read_sequence(tmp_path).gps
+    assert log.place[:, 2].tolist() == used
+    assert any("2 fixes at a height of 0 m" in note for note in log.notes) == (len(used) < 4)
+
+
+def test_positions_count_where_the_times_are_listed(tmp_path):
+    for k in range(3):
+        photo(tmp_path / f"{k}.jpg", second=k, gps=position(58.4 + 1e-4 * k, -134.6))
+    (tmp_path / "times.txt").write_text("0.0\n0.5\n1.0\n")
+    assert read_sequence(tmp_path).gps.time_s.tolist() == [0.0, 0.5, 1.0]

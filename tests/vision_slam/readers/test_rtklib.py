@@ -20,7 +20,7 @@ def written(folder: Path, *lines: str) -> Path:
 
 def test_gps_time_is_converted_to_utc(tmp_path: Path) -> None:
     file = written(tmp_path, "%  GPST  latitude(deg)", LINE.format(time="2024/05/01 12:00:18.500", quality=1))
-    time_s, place, _ = read_positions(file)
+    time_s, place, *_ = read_positions(file)
     assert time_s[0] == pytest.approx(datetime(2024, 5, 1, 12, 0, 0, 500_000, UTC).timestamp())
     np.testing.assert_array_equal(place, [[-134.25, 60.5, 712.5]])
 
@@ -67,7 +67,7 @@ def test_a_file_without_positions_is_refused(tmp_path: Path) -> None:
 def test_degrees_minutes_and_seconds_are_read_as_the_header_names_them(tmp_path: Path) -> None:
     head = "%  UTC  latitude(d'\") longitude(d'\") height(m) Q ns sdn(m) sde(m) sdu(m)"
     line = "2024/05/01 12:00:00.0 60 26 17.16 -0 59 53.52 812.3 1 12 0.01 0.01 0.02 0 0 0 0 99"
-    _, place, _ = read_positions(written(tmp_path, head, line))
+    _, place, *_ = read_positions(written(tmp_path, head, line))
     np.testing.assert_allclose(place, [[-(59 / 60 + 53.52 / 3600), 60 + 26 / 60 + 17.16 / 3600, 812.3]])
 
 

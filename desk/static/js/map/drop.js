@@ -15,8 +15,14 @@ export function acceptFiles(map, plan, layers, takePoints, refuse) {
   const take = async (/** @type {File[]} */ files) => {
     for (const file of files) {
       try {
-        const found = await post(`/api/dropped?name=${encodeURIComponent(file.name)}`, file);
+        const place = `/api/dropped?name=${encodeURIComponent(file.name)}`;
+        let found = await post(place, file);
         refuse("");
+        if (found.kind === "choices") {
+          const select = await chosenOutline(file.name, found.choices);
+          if (select === "") continue;
+          found = await post(`${place}&select=${encodeURIComponent(select)}`, file);
+        }
         if (found.kind === "outline") await takeOutline(plan, found.document, file.name);
         else if (found.kind === "points") await takePoints(file);
         else addLayer(map, layers, found, file.name, ++n);
@@ -41,6 +47,27 @@ export function acceptFiles(map, plan, layers, takePoints, refuse) {
   const chooser = element("input", { type: "file", id: "open-file", class: "hidden", multiple: true, tabindex: "-1", "aria-hidden": "true", onchange: (/** @type {any} */ event) => take([...event.target.files]).then(() => (event.target.value = "")) });
   byId("panel").append(chooser);
   return () => chooser.click();
+}
+
+/**
+ * Ask which outline of a file with many is meant; the empty text stands for none.
+ * @param {string} name @param {{title: string, select: string}[]} choices @returns {Promise<string>}
+ */
+function chosenOutline(name, choices) {
+  const options = choices.map(({ title, select }) => element("option", { value: select }, title));
+  const list = element("select", { id: "outline-choice", size: String(Math.min(12, options.length)), "aria-label": "Outlines of the file" }, ...options);
+  const take = element("button", { type: "submit", value: "take" }, "Add");
+  const leave = element("button", { type: "submit", value: "" }, "Cancel");
+  const form = element("form", { method: "dialog" }, element("p", {}, `${name} holds ${choices.length} outlines. Which one is to be surveyed?`), list, take, leave);
+  const dialog = /** @type {any} */ (element("dialog", { id: "outlines" }, form));
+  document.body.append(dialog);
+  dialog.showModal();
+  return new Promise((resolve) => {
+    dialog.addEventListener("close", () => {
+      resolve(dialog.returnValue === "take" ? /** @type {any} */ (list).value : "");
+      dialog.remove();
+    });
+  });
 }
 
 /** @param {Plan} plan @param {any} found @param {string} name */

@@ -13,7 +13,7 @@ from rasterio.windows import Window
 
 from survey import Dem, InputError
 from survey.interchange.conversion import convert
-from survey.io.raster import open_raster, read_raster, read_window
+from survey.io.raster import netcdf_trial, open_raster, read_raster, read_window
 
 UTM = "EPSG:32608"
 STORED = np.arange(1, 21).reshape(4, 5) * 10
@@ -133,3 +133,11 @@ def test_marks_of_unknown_cells_that_are_not_declared_are_refused(mark: float, t
 def test_coordinates_in_kilometres_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="coordinate x in 'km'"):
         Dem.read(packed_netcdf(tmp_path / "a.nc", "km"))
+
+
+def test_a_netcdf_that_takes_too_much_memory_on_trial_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
+    file = packed_netcdf(tmp_path / "a.nc")
+    Dem.read(file)
+    monkeypatch.setattr(netcdf_trial, "_LARGEST_KIB", 1000)
+    with pytest.raises(InputError, match=r"a\.nc is damaged \(its header claims more memory"):
+        Dem.read(file)

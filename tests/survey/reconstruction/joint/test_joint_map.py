@@ -16,9 +16,9 @@ from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.engines.fourier_basis import amplitudes, resolve
 from survey.reconstruction.gp.engines.regression import NoisyValues
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.normal_equations import Functionals, JointPosterior, waves_at
-from survey.reconstruction.gp.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_errors import SharedError, dominant_modes
 from survey.reconstruction.joint.solution import JointMap
 from survey.reconstruction.prior import SatelliteErrors
