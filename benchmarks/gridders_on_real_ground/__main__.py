@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.gridders_on_real_ground.figure import ratio_figure
 from benchmarks.gridders_on_real_ground.gridders import MATERN, PEERS
 from benchmarks.gridders_on_real_ground.scores import Half, Judged, Score, cases, judged, missing
-from benchmarks.gridders_on_real_ground.surveys import LINES, NOISE_M, SCATTERED
+from benchmarks.gridders_on_real_ground.surveys import LINES, N_NODES, NOISE_M, SCATTERED
 from benchmarks.promise_on_real_ground.windows import FOLDER, SEED, fine_dem, windows
 from benchmarks.report import RESULTS, Row, fastest, main
 from survey.core.arrays import FloatArray
@@ -29,7 +29,7 @@ from survey.core.streams import stream
 from survey.figures.style import png_bytes
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.conditioning import ConditioningTask, condition_all
-from survey.reconstruction.gp.engines.regression import NoisyValues
+from survey.reconstruction.gp.engine_choice import is_little_work
 from survey.reconstruction.gp.kernel_average import averaged_kernels
 
 KINDS = (*LINES, *SCATTERED)
@@ -200,23 +200,19 @@ class _RowsOf:
 
 def _cpu(n: int) -> Iterator[Row]:
     """Yield the CPU time of the choice of kernels, and of what their average adds to one conditioning."""
-    data, bounds = _timed_points()
-    found, choice_s = fastest(lambda: averaged_kernels(data.xy, data.values, data.noise_m2), n)
-    task = ConditioningTask("gp", GaussianProcessConfig(), bounds, "constant")
-    _, one_s = fastest(lambda: condition_all(task, replace(found, average=()), data), n)
-    _, all_s = fastest(lambda: condition_all(task, found, data), n)
+    bounds, rng, n_nodes = windows("hills")[0], stream(SEED, "gridders", "timed"), (N_NODES + 1) ** 2
+    xy: FloatArray = rng.uniform(bounds[:2], bounds[2:], (_N_TIMED, 2))
+    z = fine_dem("hills").at(xy) + NOISE_M * rng.standard_normal(_N_TIMED)
+    data = xy, z - z.mean(), np.full(_N_TIMED, NOISE_M**2)
+    has_patches = is_little_work(_N_TIMED, n_nodes)
+    found, choice_s = fastest(lambda: averaged_kernels(*data, has_patches=has_patches), n)
+    task = ConditioningTask("gp", GaussianProcessConfig(), bounds, "constant", n_nodes=n_nodes)
+    _, one_s = fastest(lambda: condition_all(task, replace(found, average=()), *data), n)
+    _, all_s = fastest(lambda: condition_all(task, found, *data), n)
     name = f"CPU on {_N_TIMED} points"
     yield Row(f"{name}: choice of kernels", choice_s, "s")
     yield Row(f"{name}: one conditioning", one_s, "s")
     yield Row.of(f"{name}: choice of kernels and average", choice_s + all_s - one_s, "s", "<=", 4.0)
-
-
-def _timed_points() -> tuple[NoisyValues, tuple[float, float, float, float]]:
-    """Return ground points on one window, and its bounds."""
-    bounds, rng = windows("hills")[0], stream(SEED, "gridders", "timed")
-    xy: FloatArray = rng.uniform(bounds[:2], bounds[2:], (_N_TIMED, 2))
-    z = fine_dem("hills").at(xy) + NOISE_M * rng.standard_normal(_N_TIMED)
-    return NoisyValues.of(xy, z - z.mean(), np.full(_N_TIMED, NOISE_M)), bounds
 
 
 if __name__ == "__main__":

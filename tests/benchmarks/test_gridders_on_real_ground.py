@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from affine import Affine
+from pyproj import CRS
 
 from benchmarks.gridders_on_real_ground import scores
 from benchmarks.gridders_on_real_ground.__main__ import over_best_peer, prior_over_without
@@ -17,7 +18,7 @@ from survey import Dem, Grid
 from survey.core.streams import stream
 
 SQUARE = (500_000.0, 6_000_000.0, 500_240.0, 6_000_240.0)
-CRS = "EPSG:32608"
+UTM = CRS("EPSG:32608")
 
 
 def plane(xy: np.ndarray) -> np.ndarray:
@@ -27,9 +28,9 @@ def plane(xy: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def on_a_plane() -> Survey:
-    grid = Grid(SQUARE, 12.0, CRS)
-    xy = Grid(SQUARE, 30.0, CRS).xy + 0.01 * stream(1, "places").standard_normal((81, 2))
-    prior = Dem(np.zeros((8, 8)), Affine(30.0, 0.0, SQUARE[0], 0.0, -30.0, SQUARE[3]), CRS)
+    grid = Grid(SQUARE, 12.0, UTM)
+    xy = Grid(SQUARE, 30.0, UTM).xy + 0.01 * stream(1, "places").standard_normal((81, 2))
+    prior = Dem(np.zeros((8, 8)), Affine(30.0, 0.0, SQUARE[0], 0.0, -30.0, SQUARE[3]), UTM)
     return Survey(xy, plane(xy), np.full(len(xy), 0.01), grid, plane(grid.xy), prior)
 
 
@@ -56,7 +57,7 @@ def test_landmarks_lie_about_lines_and_are_less_precise_farther_off() -> None:
 
 def test_a_prior_is_block_means_with_white_and_common_errors() -> None:
     bounds = (0.0, 0.0, 300.0, 300.0)
-    terrain = Dem.on(Grid((0.5, 0.5, 299.5, 299.5), 1.0, CRS), np.tile(0.5 * np.arange(300), (300, 1)))
+    terrain = Dem.on(Grid((0.5, 0.5, 299.5, 299.5), 1.0, UTM), np.tile(0.5 * np.arange(300), (300, 1)))
     priors = [block_means(terrain, bounds, stream(seed)) for seed in range(40)]
     errors = np.array([prior.elevation - terrain.at(prior.xy).reshape(prior.shape) for prior in priors])
     assert errors.shape == (40, 10, 10)
@@ -66,7 +67,7 @@ def test_a_prior_is_block_means_with_white_and_common_errors() -> None:
 
 
 def test_cells_are_smaller_on_small_windows() -> None:
-    terrain = Dem.on(Grid((0.5, 0.5, 149.5, 149.5), 1.0, CRS), np.zeros((150, 150)))
+    terrain = Dem.on(Grid((0.5, 0.5, 149.5, 149.5), 1.0, UTM), np.zeros((150, 150)))
     assert block_means(terrain, (0.0, 0.0, 150.0, 150.0), stream(1)).step_m == 15.0
 
 
@@ -108,6 +109,12 @@ def test_the_best_peer_is_the_one_with_the_least_error_of_those_that_found_a_sur
     ]
 
 
+def test_a_gridder_that_is_not_installed_is_named() -> None:
+    assert scores.missing([Gridder("absent", "no_such_module", lambda survey: Surface(survey.truth))]) == [
+        "absent"
+    ]
+
+
 def test_scores_are_stored_and_a_gridder_that_fails_has_none(
     on_a_plane: Survey, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,5 +129,4 @@ def test_scores_are_stored_and_a_gridder_that_fails_has_none(
     monkeypatch.setattr(scores, "_survey", lambda _: on_a_plane)
     monkeypatch.setattr(scores, "_folder", lambda **_: tmp_path)
     assert list(judged(Case("hills", 0, "side/4")).scores) == ["exact"]
-    assert scores.missing(scores.PEERS) == ["absent"]
     assert json.loads((tmp_path / "hills-0-side_4-failing.json").read_text(encoding="utf-8")) == {}
