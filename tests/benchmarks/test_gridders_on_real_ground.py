@@ -23,7 +23,7 @@ UTM = CRS("EPSG:32608")
 
 def plane(xy: np.ndarray) -> np.ndarray:
     """Heights of a slope to the north-east, 1 m over 10 m to the east and half of it to the north."""
-    return 100.0 + (xy - SQUARE[:2]) @ [0.1, 0.05]
+    return 100.0 + 0.1 * (xy[:, 0] - SQUARE[0]) + 0.05 * (xy[:, 1] - SQUARE[1])
 
 
 @pytest.fixture
