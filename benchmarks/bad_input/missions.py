@@ -270,27 +270,23 @@ def _scenes() -> dict[str, Scene]:
     }  # fmt: skip
 
 
+def _export(autopilot: str) -> list[str]:
+    """Return the command that exports a route with the fence of its area."""
+    return ["export", "route.geojson", "out.plan", "--area", "area.geojson", "--autopilot", autopilot]
+
+
 def _fence_cases() -> list[Case]:
     cases = []
     for name, (ground, no_go, route) in _scenes().items():
         forbidden = shapely.union_all(no_go)
         for autopilot in FENCE_LIMITS:
             for in_degrees in (False, True):
-                export = [
-                    "export",
-                    "route.geojson",
-                    "out.plan",
-                    "--area",
-                    "area.geojson",
-                    "--autopilot",
-                    autopilot,
-                ]
                 unit = " in degrees" if in_degrees else ""
                 cases.append(
                     Case(
                         f"fences: {name}{unit} · export for {autopilot}",
                         both(route, _area(ground, no_go, in_degrees=in_degrees)),
-                        export, True, _holds(forbidden, 1_000),
+                        _export(autopilot), True, _holds(forbidden, 1_000),
                     )
                 )  # fmt: skip
     return cases
@@ -326,15 +322,7 @@ def _corner_cases() -> list[Case]:
                     Case(
                         f"fences: {what} of {2 * n} corners · export for {autopilot}",
                         both(way, _area(ground, no_go)),
-                        [
-                            "export",
-                            "route.geojson",
-                            "out.plan",
-                            "--area",
-                            "area.geojson",
-                            "--autopilot",
-                            autopilot,
-                        ],
+                        _export(autopilot),
                         True,
                         _holds(forbidden, limit),
                     )
