@@ -156,12 +156,12 @@ class Trajectory(DataObject):
 
     @classmethod
     def read(cls, path: str | Path, crs: CRS | str) -> Self:
-        """Read what `write` wrote; a ``.tum`` file has no covariance, it becomes zero.
+        """Read what `write` wrote; TUM text (``.tum``, ``.txt``) has no covariance, it becomes zero.
 
         Parameters
         ----------
         path : str or pathlib.Path
-            Ends in ``.tum`` or ``.csv``.
+            Ends in ``.tum``, ``.txt`` or ``.csv``.
         crs : str or pyproj.CRS
             Projected CRS of the positions, which the file does not name.
 
@@ -175,7 +175,7 @@ class Trajectory(DataObject):
         InputError
             Missing, cut off, or not of that form.
         """
-        if Path(path).suffix == ".tum":
+        if Path(path).suffix.lower() in (".tum", ".txt"):
             rows = read_tum(path)
             return cls(
                 rows[:, 0], rows[:, 1:4], rows[:, 4:8], np.zeros((len(rows), 3, 3)), projected_crs(crs, "it")

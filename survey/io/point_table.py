@@ -80,7 +80,8 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     if not chosen or len(metric) > 1:
         raise InputError(
             f"{where} has {'several' if chosen else 'no'} columns of places (found {', '.join(header) or 'nothing'}); "
-            "name them x_m, y_m, z_m or x, y, z or easting, northing, elevation or lon, lat, height."
+            "name them x_m, y_m, z_m or x, y, z or easting, northing, elevation or lon, lat, height, or choose them with --columns "
+            "x=3,y=2,z=4 or, without a header, --format pnezd."
         )
     family = chosen[0]
     first, second = _one(family.first, found, where), _one(family.second, found, where)
@@ -148,7 +149,7 @@ def _height(family: _Family, found: dict[str, str], where: str) -> str:
         return found[family.height]
     if not present:
         raise InputError(
-            f"{where} has no column of heights (found {', '.join(dict.fromkeys(found.values()))}); name it z_m, z, elevation or height."
+            f"{where} has no column of heights (found {', '.join(dict.fromkeys(found.values()))}); name it z_m, z, elevation or height, or choose it with --columns z=NAME."
         )
     raise InputError(
         f"{where} has the columns {' and '.join(present)}, and either could be the height; name the one that is meant z_m, or choose it with --columns z=NAME where the command has that option."

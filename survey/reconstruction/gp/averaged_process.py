@@ -107,7 +107,8 @@ class AveragedProcess(Process):
                 self.parts, self.weights, self.nuggets_m2, self.patches, strict=True
             )
         ]
-        return {**self.parts[0].record(), "kernels": kernels}
+        divided = next((part.record() for part in self.parts if part.divides_site), {})
+        return {**divided, **self.parts[0].record(), "kernels": kernels}
 
     def facts(self) -> dict[str, Any]:
         """Return what was estimated beside the surface with the heaviest kernel, for the record."""

@@ -88,3 +88,8 @@ def test_errors_of_several_drives_are_joined_without_correlation(tmp_path):
     assert PathError.read(tmp_path / "error.npz") == joined
     with pytest.raises(InputError, match="unknowns per keyframe"):
         PathError.joined([long, chain_error(3, 6)])
+
+
+def test_text_of_poses_is_read_whatever_its_ending(tmp_path):
+    (tmp_path / "a.txt").write_text("# ground truth\n1 2 3 4 0 0 0 1\n2 2 3 5 0 0 0 1\n")
+    assert Trajectory.read(tmp_path / "a.txt", CRS).position.tolist() == [[2.0, 3.0, 4.0], [2.0, 3.0, 5.0]]
