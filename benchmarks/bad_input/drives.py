@@ -148,23 +148,21 @@ def _photo_cases() -> list[Case]:
         if k in (1, 3):
             gps[6] = TiffImagePlugin.IFDRational(0, 1)
 
-    def below(k: int, gps: dict[int, object]) -> None:
-        if k in (1, 3):
-            gps[5] = b"\x01"
-
     def undefined(k: int, gps: dict[int, object]) -> None:
         if k in (1, 3):
             gps[6] = TiffImagePlugin.IFDRational(0, 0)
 
     kinds = {
         "altitude 0": zero, "no altitude": without(6), "no hemisphere of the latitude": without(1), "no hemisphere of the longitude": without(3),
-        "no longitude": without(3, 4), "altitude 0/0": undefined, "altitude below the sea": below,
+        "no longitude": without(3, 4), "altitude 0/0": undefined,
     }  # fmt: skip
 
     def said(_: Path, printed: str) -> str:
         return (
             ""
-            if any(word in printed for word in ("2 of 6", "2 photo", "2 image", "2 position", "IMG_1"))
+            if any(
+                word in printed for word in ("2 of 6", "2 fixes", "2 photo", "2 image", "2 position", "IMG_1")
+            )
             else "nothing says that two positions are left out"
         )
 

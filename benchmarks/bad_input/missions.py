@@ -138,6 +138,7 @@ def _item_cases() -> list[Case]:
     for command, name in _OTHER_WAYS.items():
         rows = waypoints({}).splitlines()
         rows.insert(4, f"3\t0\t3\t{command}\t1\t2\t0\t0\t0\t0\t0\t1")
+        rows = rows[:1] + ["\t".join([str(k), *row.split("\t")[1:]]) for k, row in enumerate(rows[1:])]
         named = (str(command), name, name.removeprefix("NAV_")) if command in (177, 20) else ()
         cases.append(
             Case(

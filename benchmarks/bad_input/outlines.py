@@ -277,6 +277,13 @@ def _whole_of(shapes: Sequence[shapely.Geometry]) -> Right:
         line = shapely.transform(
             shapely.union_all(shapely.from_wkb(raw)), lambda p: np.column_stack(back.transform(*p.T))
         )
+        if max(shape.bounds[2] for shape in shapes) > 179.0:  # both sides of the border count from 0
+            line, *turned = (shapely.transform(s, lambda p: p % [360.0, 720.0]) for s in (line, *shapes[1:]))
+            return (
+                ""
+                if all(line.intersects(s.buffer(-1e-4)) for s in (shapes[0], *turned))
+                else "an outline has no swath"
+            )
         missed = [k for k, shape in enumerate(shapes) if not line.intersects(shape.buffer(-1e-4))]
         return f"no swath lies in outline {missed[0] + 1}" if missed else ""
 

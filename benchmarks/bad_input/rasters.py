@@ -191,6 +191,19 @@ def _uses(name: str) -> dict[str, tuple[Prepare, list[str]]]:
 _FINE_ALONE = {"elsewhere", "another zone"}
 _ALONE = {"export", "init --dem", "run"}
 _FINE_TO_EXPORT = {"all nodata", "all NaN", "infinite", "one cell", "one row"}
+_FINE = {"south-up", "sparse of 158,000,000 cells"}
+
+
+def _rows_turned(folder: Path, _: str) -> str:
+    """Return what is wrong with the grid of a raster whose first row is the southern one."""
+    lines = (folder / "out.asc").read_text().splitlines()
+    rows = [line.split() for line in lines if not line[:1].isalpha()]
+    found = np.array(rows, dtype=np.float64)
+    return (
+        ""
+        if np.allclose(found, hills()[::-1], atol=1e-3)
+        else "the rows are not those of the raster, from the north on"
+    )
 
 
 def raster_cases() -> list[Case]:
@@ -198,11 +211,11 @@ def raster_cases() -> list[Case]:
     cases = []
     for wrong, write in RASTERS.items():
         for place, (beside, args) in _uses("dem.tif").items():
-            fine = (wrong in _FINE_ALONE and place in _ALONE) or wrong == "sparse of 158,000,000 cells"
+            fine = (wrong in _FINE_ALONE and place in _ALONE) or wrong in _FINE
             fine = fine or (wrong in _FINE_TO_EXPORT and place == "export")
-            cases.append(
-                Case(f"raster {wrong} · {place}", both(beside, _reading(write, "dem.tif")), args, fine)
-            )
+            right = _rows_turned if (wrong, place) == ("south-up", "export") else None
+            prepare = both(beside, _reading(write, "dem.tif"))
+            cases.append(Case(f"raster {wrong} · {place}", prepare, args, fine, right))
     for wrong, write in PARTLY.items():
         beside, args = _uses("dem.tif")["run"]
         cases.append(Case(f"raster {wrong} · run", both(beside, _reading(write, "dem.tif")), args))

@@ -193,8 +193,8 @@ def _unit_cases() -> list[Case]:
             "surveys: --units against the column · reconstruct",
             contradicts,
             args,
-            False,
-            None,
+            True,
+            lambda _, printed: "" if "not used" in printed else "nothing says that --units is not used",
             ("--units", "ft"),
         ),
         Case(
