@@ -271,8 +271,8 @@ def _scenes() -> dict[str, Scene]:
     }  # fmt: skip
 
 
-def _fenced(autopilot: str) -> list[str]:
-    """Return the command that writes a mission with its fence."""
+def _export(autopilot: str) -> list[str]:
+    """Return the command that exports a route with the fence of its area."""
     return ["export", "route.geojson", "out.plan", "--area", "area.geojson", "--autopilot", autopilot]
 
 
@@ -287,7 +287,7 @@ def _fence_cases() -> list[Case]:
                     Case(
                         f"fences: {name}{unit} · export for {autopilot}",
                         both(route, _area(ground, no_go, in_degrees=in_degrees)),
-                        _fenced(autopilot), True, _holds(forbidden, 1_000),
+                        _export(autopilot), True, _holds(forbidden, 1_000),
                     )
                 )  # fmt: skip
     return cases
@@ -323,7 +323,7 @@ def _corner_cases() -> list[Case]:
                     Case(
                         f"fences: {what} of {2 * n} corners · export for {autopilot}",
                         both(way, _area(ground, no_go)),
-                        _fenced(autopilot),
+                        _export(autopilot),
                         True,
                         _holds(forbidden, limit),
                     )

@@ -126,8 +126,8 @@ def area_fence(area: SurveyArea, xy: FloatArray, most_corners: int, holder: str)
     fence = next((fence for fence in simpler if fence.n_corners <= most_corners), None)
     if fence is None:
         raise InputError(
-            f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of --area and "
-            "its no-go zones fewer corners."
+            f"the fence has {full.n_corners} corners, and {holder} holds {most_corners}; give the outline of the area and "
+            "its no-go zones in the area file fewer corners."
         )
     whole = "" if fence.outline.covers(area.polygon) else " and surrounds the route, not the whole area"
     return fence._replace(

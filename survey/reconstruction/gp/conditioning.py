@@ -14,7 +14,7 @@ from survey.core import Bounds, FloatArray, Progress
 from survey.data import Dem
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, EngineName, fit_process
+from survey.reconstruction.gp.engine_choice import Conditioned, DividedSiteError, EngineName, fit_process
 from survey.reconstruction.gp.engines.regression import NoisyValues, Process, TrendName
 from survey.reconstruction.gp.kernel_average import lightened, with_evidence
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage
@@ -23,6 +23,8 @@ from survey.reconstruction.gp.satellite_cells import SatelliteCells, in_blocks, 
 from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.prior_likelihood import misfit_log_likelihood
 
+# Cells that are measurements: the work for their covariance grows with the square of their number, for every kernel.
+_MOST_CELLS = 500
 # Kernels that are averaged where each costs a solve in Fourier waves.
 _MOST_IN_WAVES = 2
 
@@ -58,11 +60,13 @@ def condition_all(
 
     `xy`, `values`, `variance` (N, 2), (N,) and (N,): places, values, and variances of their errors without the nugget.
 
-    Raise `DividedSiteError` where there are cells and the site is too large for one solve.
+    Raise `DividedSiteError` where there are cells, and they are many or the site is too large for one solve.
     """
     data = NoisyValues.of(xy, values, np.sqrt(variance))
     site = data.extent(task.bounds)
     given = None if task.prior is None else task.prior.cells(task.prior.dem.crs, site)
+    if given is not None and len(given[0]) > _MOST_CELLS:
+        raise DividedSiteError
     if given is not None:
         task = task._replace(bounds=_around(site, given[0]))
     kernels = found.kernels

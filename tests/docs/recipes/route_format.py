@@ -16,12 +16,12 @@ ROUTE_FORMAT = Recipe(
         ),
         "survey/interchange/route_readers.py": (
             (
-                "def _read_qgc_plan",
-                "def _read_poly(path: Path, _: CRS) -> list[Leg]:\n"
+                "def _read_mission_file",
+                "def _read_poly(path: Path, _: CRS) -> ReadLegs:\n"
                 '    parts = path.read_text(encoding="utf-8").strip().split("\\n\\n")\n'
-                '    return _joined([Leg("swath", np.array([line.split() for line in part.splitlines()], float)) for part in parts])\n\n\n',
+                '    return ReadLegs(_joined([Leg("swath", np.array([line.split() for line in part.splitlines()], float)) for part in parts]))\n\n\n',
             ),
-            ('    ".waypoints": _read_wpl', '    ".poly": _read_poly,\n'),
+            ('    ".waypoints": _read_mission_file', '    ".poly": _read_poly,\n'),
             ('".wkt")\n', '".poly", '),
         ),
     },

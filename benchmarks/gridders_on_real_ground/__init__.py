@@ -1,0 +1,1 @@
+"""Maps of real ground beside those of other gridders."""
