@@ -272,7 +272,7 @@ def _loop_cases() -> list[Case]:
 
 
 def _limit_cases() -> list[Case]:
-    """Return small limits of the process, which are told as such."""
+    """Return cases of small limits of the process, which the refusal has to name."""
 
     def limited(which: int, most: int) -> Prepare:
         def prepare(_: Path) -> None:

@@ -124,9 +124,9 @@ def test_an_update_is_the_average_given_all_points() -> None:
         ]
         return AveragedProcess(tuple(parts), np.array([0.6, 0.4]), nuggets_m2, (None, None))
 
-    told = np.sqrt(noise[50:] + 0.4 * 0.01)
+    sigma_m = np.sqrt(noise[50:] + 0.4 * 0.01)
     places = np.random.default_rng(10).uniform(0.0, 200.0, (9, 2))
-    updated = average(50).update(xy[50:], values[50:], told)
+    updated = average(50).update(xy[50:], values[50:], sigma_m)
     for one, other in zip(updated.predict(places), average(60).predict(places), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10)
 
