@@ -23,7 +23,7 @@ FENCE_MARGIN_M = 10.0
 _SIMPLIFIED_M = 1.0
 # A rover does not keep its path to the centimetre; edges that path and no-go ground share are no crossing.
 _TOUCH_M = 0.1
-# Depths of the band in which a fence may be simplified; a deeper band reaches beyond the outline and leaves the surroundings of the route.
+# Depths of the band in which a fence may be simplified [m]; the deepest leaves the surroundings of the route alone inside.
 _DEPTHS_M = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, FENCE_MARGIN_M, 13.0, 17.0, 22.0, 30.0, 50.0, 100.0)
 # Where in the band a fence begins, and how far its corners may lie from there, as shares of the depth.
 _STARTS = ((0.1, 0.1), (0.5, 0.4), (0.9, 0.1))

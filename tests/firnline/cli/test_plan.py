@@ -140,14 +140,24 @@ def test_a_start_in_a_no_go_zone_is_refused():
     assert "the start (526020.0, 6478020.0) is outside the area or in a no-go zone; move it" in err
 
 
+def outline_of(n_corners: int, tooth_m: float) -> str:
+    """Draw a circle of 500 m whose corners lie in and out by a tooth in turn."""
+    angle = np.linspace(0.0, 2.0 * np.pi, n_corners, endpoint=False)
+    radius_m = 500.0 - tooth_m * (np.arange(n_corners) % 2)
+    corners = np.column_stack([np.cos(angle), np.sin(angle)]) * radius_m[:, None]
+    return drawn(shapely.Polygon(corners + [526_000.0, 6_478_000.0]))
+
+
 @pytest.mark.long
-def test_a_million_vertices_are_refused_with_the_remedy():
-    angle = np.linspace(0.0, 2.0 * np.pi, 1_000_001)[:-1]
-    circle = shapely.Polygon(
-        np.column_stack([np.cos(angle), np.sin(angle)]) * 500.0 + [526_000.0, 6_478_000.0]
-    )
-    _, err = planned(drawn(circle), "--swaths", "3", code=3)
-    assert "1000001 corners" in err
+def test_a_smooth_outline_of_a_million_corners_is_simplified(caplog):
+    planned(outline_of(1_000_000, 0.0), "--swaths", "3")
+    assert "1000001 corners; it is simplified to" in caplog.text
+
+
+@pytest.mark.long
+def test_an_outline_that_stays_of_too_many_corners_is_refused_with_the_remedy():
+    _, err = planned(outline_of(60_000, 3.0), "--swaths", "3", code=3)
+    assert "corners; at most 50000 can be planned on" in err
     assert "simplify the outline" in err
 
 
