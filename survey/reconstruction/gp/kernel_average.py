@@ -224,6 +224,7 @@ class _Posterior:
         has_plane: bool,
         nugget_m: float | None,
     ) -> "_Posterior":
+        """Take places (n, 2) [m], values (n,) and noise variances (n,)."""
         upper = np.triu_indices(len(xy), k=1)
         x, y = (xy[upper[0]] - xy[upper[1]]).T
         extent = max(float(np.ptp(xy, axis=0).max()), 1e-3)
