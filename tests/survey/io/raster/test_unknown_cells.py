@@ -7,6 +7,7 @@ from affine import Affine
 from pyproj import CRS
 
 from survey import Dem, InputError
+from survey.io.raster import netcdf_trial
 
 HEIGHTS = 100.0 + np.arange(600.0).reshape(20, 30) / 4.0
 PLACE = Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 6_700_200.0)
@@ -81,3 +82,10 @@ def test_depths_are_refused(tmp_path):
         target.crs = "EPSG:32608+5715"
     with pytest.raises(InputError, match="downwards"):
         Dem.read(tmp_path / "dem.tif")
+
+
+def test_memory_of_the_process_itself_does_not_count_as_that_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(netcdf_trial, "_LARGEST_KIB", 400_000)
+    # The peak of a process passes to the processes that it starts.
+    assert np.ones(75_000_000).sum() == 75e6
+    assert Dem.read(netcdf(tmp_path / "dem.nc", HEIGHTS)).shape == HEIGHTS.shape
