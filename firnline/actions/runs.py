@@ -419,6 +419,7 @@ def logged_to(path: Path, verbose: int | None) -> Iterator[None]:
         handlers.append(logging.StreamHandler())
         handlers[-1].setLevel(logging.DEBUG if verbose else logging.WARNING)
     loggers = [logging.getLogger(name) for name in _PACKAGES]
+    levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.DEBUG)
         for handler in handlers:
@@ -426,7 +427,8 @@ def logged_to(path: Path, verbose: int | None) -> Iterator[None]:
     try:
         yield
     finally:
-        for logger in loggers:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
             for handler in handlers:
                 logger.removeHandler(handler)
         for handler in handlers:

@@ -1,9 +1,11 @@
 import json
+import logging
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from firnline.actions.runs import logged_to
 from sim.config.mission import MissionConfig
 from sim.mission.runs import current_versions, input_checksums, open_run, refuse_other_versions
 from sim.mission.stages import run_mission
@@ -80,3 +82,17 @@ def test_the_manifest_lists_inputs_and_versions(tmp_path):
     content = json.loads((run.path / "manifest.json").read_text())
     assert list(content["inputs_sha256"]) == ["terrain.file"]
     assert content["versions"] == current_versions()
+
+
+@pytest.mark.parametrize("level", [logging.NOTSET, logging.ERROR])
+def test_levels_of_loggers_are_restored_after_a_run(tmp_path, level):
+    logger = logging.getLogger("survey")
+    before = logger.level
+    logger.setLevel(level)
+    try:
+        with logged_to(tmp_path / "log.jsonl", None):
+            logging.getLogger("survey.core").debug("an event")
+        assert logger.level == level
+    finally:
+        logger.setLevel(before)
+    assert "an event" in (tmp_path / "log.jsonl").read_text()
