@@ -30,9 +30,10 @@ from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee
-from planners.guarantee.kernel_posterior import PriorBlocks, posterior_from_prior
-from planners.guarantee.requirement import MapRequirement, Surface
-from planners.prediction import places
+from planners.guarantee.requirement import MapRequirement
+from planners.prediction.kernel_posterior import PriorBlocks, posterior_from_prior
+from planners.prediction.places import places
+from planners.prediction.surfaces import Surface
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray

@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from planners.config import PatternConfig, in_grid_metres, settings_factor
 from planners.patterns.planner import LayoutTask, Planner
-from planners.prediction import ErrorModel, terrain_kernel
+from planners.prediction.error_model import ErrorModel
+from planners.prediction.prior_kernels import terrain_kernel
 from planners.registry import PLANNERS, PlannerConfig, planner_of
 from planners.routes.fleet import departures
 from planners.routes.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots, predicted

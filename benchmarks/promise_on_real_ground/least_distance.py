@@ -14,7 +14,7 @@ from scipy.special import ndtri
 import planners
 from benchmarks.promise_on_real_ground.surveys import STEP_M, Outcome, Task, map_error_m, measured, stored
 from benchmarks.promise_on_real_ground.windows import site_of
-from planners.prediction import places
+from planners.prediction.places import places
 
 _MOST_SWATHS = 30
 _LEAST_SHARE = 0.38

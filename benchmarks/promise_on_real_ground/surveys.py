@@ -16,7 +16,7 @@ from benchmarks.promise_on_real_ground.windows import SEED, Site, site_of
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction import places
+from planners.prediction.places import places
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from desk.plan.document import PlanDocument, Setting
 from firnline.actions.plan_request import PlanRequest
-from planners.guarantee.requirement import SURFACE_NAMES
+from planners.prediction.surfaces import SURFACE_NAMES
 from planners.registry import PLANNERS
 from planners.routes.rover import Fleet, Rover
 from sim.config.mission import MissionConfig

@@ -14,7 +14,7 @@ from desk.terrain.shading import DEVIATION
 from desk.terrain.tiles import picture
 from firnline.actions.plan_request import fact_texts
 from firnline.actions.planning import AreaPlan
-from planners.prediction import predict_error
+from planners.prediction.error_model import predict_error
 from planners.routes.rover import Rover, energy_per_metre
 from planners.swaths.reference_lines import swaths_text
 from survey import Dem, Route

@@ -14,7 +14,8 @@ from survey.core import ConfigError, InputError, length_text
 if TYPE_CHECKING:
     from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
-    from planners.guarantee.requirement import MapRequirement, Surface
+    from planners.guarantee.requirement import MapRequirement
+    from planners.prediction.surfaces import Surface
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import PredictedSurvey
 

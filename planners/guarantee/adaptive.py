@@ -13,7 +13,7 @@ By the law of total expectation
 where the survey stops only at a probability of p or more, whatever else the rule depends on and however often it is
 evaluated: a posterior probability keeps its meaning under optional stopping (Rouder 2014, Psychonomic Bulletin & Review 21,
 301; Hendriksen, de Heide and Grünwald 2021, Bayesian Analysis 16, 961). That needs a posterior that is right on average:
-the roughness is therefore checked on lines left out (`planners.guarantee.kernel_posterior`), and what remains is a spread
+the roughness is therefore checked on lines left out (`planners.prediction.kernel_posterior`), and what remains is a spread
 measured on real ground.
 
 `AdaptiveState` holds what was driven and measured, with the posterior. `next_swath` plans one swath from it, and
@@ -28,11 +28,11 @@ import numpy as np
 
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import settings_factor
-from planners.guarantee.error_distribution import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
-from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
+from planners.prediction.error_distribution import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
+from planners.prediction.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
 from planners.routes.traversability import on_free_ground
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, InputError, Leg, Route, SurveyArea

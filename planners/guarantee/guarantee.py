@@ -31,19 +31,19 @@ from scipy.stats import beta
 from threadpoolctl import threadpool_limits
 
 from planners.config import settings_factor
-from planners.guarantee.error_distribution import (
-    FITTED_KERNEL_INFLATION,
-    ErrorDistribution,
-    LimitPredictor,
-    MapPrediction,
-)
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.survey_lines import heading_and_width, smallest_sufficient, swath_counts
 from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.wavy import LinePattern, WavyConfig
 from planners.planning import planned_on, require_cover
-from planners.prediction import places, spread_places
+from planners.prediction.error_distribution import (
+    FITTED_KERNEL_INFLATION,
+    ErrorDistribution,
+    LimitPredictor,
+    MapPrediction,
+)
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
+from planners.prediction.places import places, spread_places
 from planners.routes.traversability import Drivable, drivable
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core import FloatArray, Progress, stream

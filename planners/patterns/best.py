@@ -17,7 +17,7 @@ from planners.config import Corner, PatternConfig
 from planners.patterns.lawnmower import LAWNMOWER, LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner, always
 from planners.patterns.wavy import WAVY, LinePattern, WavyConfig
-from planners.prediction import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from planners.routes.rover import Crew
 from planners.swaths.reference_lines import narrowest_heading
 from survey import InputError, Route, SurveyArea

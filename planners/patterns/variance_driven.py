@@ -15,7 +15,7 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from planners.config import Corner, PatternConfig
 from planners.patterns.planner import LayoutTask, Planner, always
-from planners.prediction import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from planners.swaths.reference_lines import towards
 from survey import InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray

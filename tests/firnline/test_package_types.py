@@ -14,13 +14,13 @@ import pytest
 import firnline
 from desk.plan.document import PlanDocument
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveSurvey
-from planners.guarantee.error_distribution import MapPrediction
-from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.patterns.best import Choice
 from planners.patterns.piecewise_continuous import PiecewiseContinuousSteering
 from planners.patterns.planner import LayoutTask
 from planners.patterns.random_wander import RandomWanderSteering
-from planners.prediction import ErrorModel, PredictedError
+from planners.prediction.error_distribution import MapPrediction
+from planners.prediction.error_model import ErrorModel, PredictedError
+from planners.prediction.kernel_posterior import KernelPosterior
 from planners.registry import PLANNERS
 from planners.routes.rover import Crew, Mobility
 from planners.routes.traversability import LeftOut, drivable
@@ -59,7 +59,7 @@ MODULES = {
     "planners.patterns.piecewise_continuous": "PiecewiseContinuousSteering",
     "planners.patterns.planner": "LayoutTask Planner",
     "planners.patterns.random_wander": "RandomWanderSteering",
-    "planners.prediction": "ErrorModel PredictedError",
+    "planners.prediction.error_model": "ErrorModel PredictedError",
     "planners.routes.rover": "Mobility",
     "planners.routes.traversability": "Drivable LeftOut",
     "planners.steered_paths": "Band",

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import LawnmowerConfig, WavyConfig, plan, predict_error, terrain_kernel
-from planners.prediction import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from survey.terrain.random_fields import squared_exponential_field

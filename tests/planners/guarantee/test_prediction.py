@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.error_distribution import LimitPredictor
-from planners.guarantee.kernel_posterior import KernelPosterior, posterior_from_survey
+from planners.prediction.error_distribution import LimitPredictor
+from planners.prediction.kernel_posterior import KernelPosterior, posterior_from_survey
 from survey.reconstruction.gp.kernel_search import Cell
 from tests.planners.guarantee.smooth_site import AREA, SMOOTH, lines, smooth_terrain
 
@@ -47,7 +47,7 @@ def test_a_large_survey_is_predicted_from_patches_as_from_all_samples(monkeypatc
     predictor = LimitPredictor(AREA, limit_m=0.4572, step_m=10.0)
     rough = KernelPosterior((SMOOTH._replace(cell=Cell.of("matern-3/2", 60.0, -12.0)),))
     together = predictor.of(lines(12), rough)
-    monkeypatch.setattr("planners.guarantee.error_distribution._MOST_AT_ONCE", 100)
+    monkeypatch.setattr("planners.prediction.error_distribution._MOST_AT_ONCE", 100)
     assert predictor.of(lines(12), rough).rmse_m == pytest.approx(together.rmse_m, rel=0.2)
 
 

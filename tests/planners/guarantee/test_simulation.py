@@ -4,8 +4,8 @@ from scipy.stats import binom
 
 from planners import LawnmowerConfig, plan
 from planners.guarantee.guarantee import GROUNDS, SimulatedErrors, SimulatedSurveys
-from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.requirement import MapRequirement
+from planners.prediction.kernel_posterior import KernelPosterior
 from survey import Grid, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell

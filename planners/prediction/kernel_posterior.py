@@ -31,8 +31,9 @@ import numpy as np
 import shapely
 from scipy.linalg import cho_factor, cho_solve, lapack
 
-from planners.guarantee.requirement import SURFACES, MapRequirement, Surface, roughness_elsewhere
-from planners.prediction import slope_length_m
+from planners.guarantee.requirement import MapRequirement
+from planners.prediction.places import slope_length_m
+from planners.prediction.surfaces import SURFACES, Surface, roughness_elsewhere
 from survey import Dem, InputError, SurveyArea
 from survey.core import BoolArray, FloatArray, IntArray
 from survey.reconstruction.gp.families import SearchedFamily

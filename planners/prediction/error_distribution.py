@@ -34,8 +34,8 @@ from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.prediction import slope_length_m, spread_places
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.prediction.places import slope_length_m, spread_places
 from survey import SurveyArea
 from survey.core import FloatArray
 from survey.reconstruction.gp.kernel_search import Cell
