@@ -31,9 +31,9 @@ from benchmarks.report import Row, main
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
+from planners.prediction.assumptions import Surface
 from planners.prediction.kernel_posterior import PriorBlocks, posterior_from_prior
 from planners.prediction.places import places
-from planners.prediction.surfaces import Surface
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray

@@ -32,10 +32,10 @@ from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.survey_lines import heading_and_width, swath_counts
 from planners.patterns.wavy import WavyConfig
 from planners.planning import planned_on
-from planners.prediction.error_distribution import LimitPredictor
+from planners.prediction.assumptions import Surface
+from planners.prediction.error_distribution import MapPredictor
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.prediction.places import places
-from planners.prediction.surfaces import Surface
 from planners.routes.traversability import drivable
 from survey import ConfigError, Dem, Route, SurveyArea
 from survey.core import FloatArray
@@ -297,7 +297,7 @@ def _surveys(area: SurveyArea, prior: Dem, config: SeasonConfig) -> Iterator[tup
     posterior = posterior_of(area, prior, requirement)
     factor = settings_factor(area)
     step_m = factor * config.sample_step_m
-    nodes = LimitPredictor(area, 1.0, step_m).nodes
+    nodes = MapPredictor(area, step_m).nodes
     heading_deg, width_m = heading_and_width(area, prior)
     site = drivable(area)
     wavelength_m = WavyConfig(swaths=1).wavelength_scales * posterior.slope_length_m / factor

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement
-    from planners.prediction.surfaces import Surface
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import PredictedSurvey
 
@@ -42,14 +41,8 @@ def requirement_of(request: PlanRequest) -> "MapRequirement":
     return MapRequirement(
         limit_of(str(request.require)),
         request.probability,
-        noise_m=request.noise_m,
-        localization_m=request.localization_m,
-        prior_sigma_m=request.prior_sigma_m,
-        assumed=request.assume,
-        surface=cast("Surface", request.surface),
-        micro_relief_m=request.micro_relief_m,
-        shared_m=request.shared_m,
         max_swaths=request.max_swaths,
+        **vars(request.assumptions),
     )
 
 
@@ -182,8 +175,7 @@ def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> G
     requirement = requirement_of(request)
     area, prior = prior_of(request)
     made = found_guarantee(area, prior, requirement, progress)
-    best = made.posterior.likeliest
-    drawing = PlanDrawing(area, prior, best.kernel, best.noise_m)
+    drawing = PlanDrawing(area, prior, planners.prior_model(prior, area, request.assumptions))
     return GuaranteedPlan(request=request, route=made.route, drawing=drawing, guarantee=made)
 
 

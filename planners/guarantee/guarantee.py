@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial.distance import cdist
 from scipy.stats import beta
 from threadpoolctl import threadpool_limits
 
@@ -37,17 +38,17 @@ from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.wavy import LinePattern, WavyConfig
 from planners.planning import planned_on, require_cover
 from planners.prediction.error_distribution import (
-    FITTED_KERNEL_INFLATION,
     ErrorDistribution,
-    LimitPredictor,
     MapPrediction,
 )
+from planners.prediction.error_model import ErrorModel, model_in_grid
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
 from planners.prediction.places import places, spread_places
+from planners.prediction.prior_cells import PriorCells, mean_of_four
 from planners.routes.traversability import Drivable, drivable
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core import FloatArray, Progress, stream
-from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, map_surveys
+from survey.reconstruction.gp.kernel_search import ALL, Cell, FoundKernel, KernelSearch
 from survey.reconstruction.gp.kernels import SquaredExponential, Stationary
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, kernel_field
 
@@ -199,17 +200,17 @@ class SimulatedSurveys:
     What these surveys show is whether ground of another kind is mapped as well as predicted.
     """
 
-    def __init__(
-        self, area: SurveyArea, prior: Dem, posterior: KernelPosterior, requirement: MapRequirement
-    ) -> None:
+    def __init__(self, model: ErrorModel, prior: Dem, requirement: MapRequirement) -> None:
         self.requirement = requirement
-        self.part = _part(area, prior)
+        self.part = _part(model.area, prior)
         xmin, ymin, xmax, ymax = self.part.bounds
         self.nodes = spread_places(self.part, _N_NODES)
         step_m = max(xmax - xmin, ymax - ymin) / _STEPS_ALONG
-        cells = CoarseCells(_cells_on(self.part, prior), requirement.prior_sigma_m)
-        self._weighted = posterior.likeliest
-        grid = Grid.over((xmin, ymin, xmax, ymax), step_m, area.crs)
+        shown = _cells_on(self.part, prior)
+        cells = CoarseCells(shown, requirement.prior_sigma_m)
+        self._cells = PriorCells.of(shown, self.part, requirement.prior_sigma_m)
+        self._weighted = model.posterior.likeliest
+        grid = Grid.over((xmin, ymin, xmax, ymax), step_m, model.area.crs)
         self._world = ConditionalTerrain(cells, self._weighted.kernel, grid)
         self._drawn: list[_Drawn] = []
 
@@ -243,9 +244,36 @@ class SimulatedSurveys:
             heights[:, column] += self.requirement.shared_m * rng.standard_normal()
             actual[:, column] += np.sqrt(one.unseen_m2) * rng.standard_normal(len(actual))
         found = KernelSearch(xy, heights, one.noise_m, ALL, most=_LEARNED).search()
-        mean, _ = map_surveys(xy, heights, found, self.nodes)
+        mean = self._mapped(xy, heights, found)
         rmse_m = np.sqrt(np.mean(np.square(mean - actual), axis=0))
         return SimulatedErrors(rmse_m, tuple(one.name for one in drawn))
+
+    def _mapped(self, xy: FloatArray, heights: FloatArray, found: list[FoundKernel]) -> FloatArray:
+        """Return the maps (M, B) of B surveys of the same places, each with its kernel and with the cells of the prior."""
+        mean = np.empty((len(self.nodes), heights.shape[1]))
+        level_m = np.broadcast_to(self._world.cells.height_m[:, None], (len(self._cells), heights.shape[1]))
+        for cell in dict.fromkeys(one.cell for one in found):
+            mine = [b for b, one in enumerate(found) if one.cell == cell]
+            errors = self._cells.covariance / float(np.mean([found[b].variance_m2 for b in mine]))
+            mean[:, mine] = self._mapped_alike(xy, np.vstack([heights, level_m])[:, mine], cell, errors)
+        return mean
+
+    def _mapped_alike(self, xy: FloatArray, values: FloatArray, cell: Cell, errors: FloatArray) -> FloatArray:
+        """Return the maps (M, B) from heights of samples and cells (N + C, B), whose errors are in variances of the terrain."""
+
+        def between(a: FloatArray, b: FloatArray) -> FloatArray:
+            return cell.correlation(cdist(a, b, "sqeuclidean"))
+
+        within, n = self._cells.nodes, len(xy)
+        with_xy, with_cells = mean_of_four(between(within, xy)), mean_of_four(between(within, within))
+        matrix = np.block([[between(xy, xy), with_xy.T], [with_xy, mean_of_four(with_cells.T) + errors]])
+        matrix[np.arange(n), np.arange(n)] += 2.0**cell.ratio
+        solved = np.linalg.solve(matrix, np.column_stack([np.ones(len(matrix)), values]))
+        centre = solved[:, 1:].sum(axis=0) / solved[:, 0].sum()
+        weights = solved[:, 1:] - np.outer(solved[:, 0], centre)
+        across = np.hstack([between(self.nodes, xy), mean_of_four(between(within, self.nodes)).T])
+        mapped: FloatArray = centre + across @ weights
+        return mapped
 
     def _ground(self, index: int) -> "_Drawn":
         """Return the surface of a survey; drawn once for all routes."""
@@ -253,7 +281,8 @@ class SimulatedSurveys:
         while len(self._drawn) <= index:
             rng = stream(self.requirement.seed, "promise", len(self._drawn))
             name = names[len(self._drawn) % len(names)]
-            terrain = GROUNDS[name](self._world, self._weighted.kernel, rng)
+            one = self._weighted
+            terrain = GROUNDS[name](self._world, one.cell.kernel(one.variance_m2), rng)
             self._drawn.append(_Drawn(name, terrain, terrain.at(self.nodes)))
         return self._drawn[index]
 
@@ -396,15 +425,14 @@ class SwathSearch:
     """Search for the fewest swaths that meet a requirement, whose lengths are grid metres.
 
     `requirement`: what the map has to meet. `prior`: coarse elevations. `site`: where the rover may be.
-    `predictor`: predicts the error of a route's map. `posterior`: covariances that the terrain may have.
-    `heading_deg`: of the swaths [deg]. `counts`: numbers of swaths that are considered.
+    `model`: predicts the error of a route's map. `heading_deg`: of the swaths [deg]. `counts`: numbers of swaths that are
+    considered.
     """
 
     requirement: MapRequirement
     prior: Dem
     site: Drivable
-    predictor: LimitPredictor
-    posterior: KernelPosterior
+    model: ErrorModel
     heading_deg: float
     counts: tuple[int, ...]
     _routes: dict[tuple[str, int], Route] = field(default_factory=dict)
@@ -418,14 +446,7 @@ class SwathSearch:
             requirement,
             prior,
             drivable(area),
-            LimitPredictor(
-                area,
-                requirement.limit_m,
-                requirement.sample_step_m,
-                FITTED_KERNEL_INFLATION,
-                requirement.shared_m,
-            ),
-            posterior_in_grid(area, prior, requirement),
+            model_in_grid(area, prior, requirement),
             heading_deg,
             swath_counts(width_m, prior.step_m, requirement),
         )
@@ -458,7 +479,7 @@ class SwathSearch:
         if progress is not None:
             progress("simulating surveys", len(shapes), len(shapes) + 1)
         is_missed, _, n, _, shape = min(tried, key=lambda one: one[:4])
-        simulated = SimulatedSurveys(self.predictor.area, self.prior, self.posterior, self.requirement)
+        simulated = SimulatedSurveys(self.model, self.prior, self.requirement)
         found = self._proven(shape, n, simulated, may_grow=not is_missed)
         is_refuted = found.is_contradicted and not found.holds
         return replace(found, unstated_m=self._unstated_m()) if is_refuted else found
@@ -466,7 +487,7 @@ class SwathSearch:
     def patterns(self) -> Iterator[LinePattern]:
         """Yield wavy swaths, and straight ones that end before the border."""
         # Settings are metres on the ground, the posterior's lengths grid metres.
-        slope_length_m = self.posterior.slope_length_m / settings_factor(self.predictor.area)
+        slope_length_m = self.model.slope_length_m / settings_factor(self.model.area)
         wavelength_m = WavyConfig(swaths=1).wavelength_scales * slope_length_m
         yield WavyConfig(swaths=1, wavelength_m=wavelength_m, heading_deg=self.heading_deg)
         yield LawnmowerConfig(swaths=1, inset_share=0.5, heading_deg=self.heading_deg)
@@ -486,7 +507,7 @@ class SwathSearch:
     def _guarantee(self, shape: LinePattern, n: int, errors: SimulatedErrors) -> Guarantee:
         """Return what is predicted and simulated for so many swaths of a pattern."""
         config, route = self._route(shape, n)
-        requirement, likely = self.requirement, replace(self, posterior=self._likely)
+        requirement, likely = self.requirement, self._likely
         predicted = self._predicted(self._distribution(shape, n))
         fewer = likely.fewest(shape) or n
         stakes = self._stakes(shape, n, route) if predicted.probability >= requirement.probability else None
@@ -494,7 +515,7 @@ class SwathSearch:
             route,
             config,
             requirement,
-            self.posterior,
+            self.model.posterior,
             predicted,
             self._predicted(likely._distribution(shape, n)),
             min(fewer, n),
@@ -506,8 +527,8 @@ class SwathSearch:
     def _unstated_m(self) -> float:
         """Return the error that the densest survey reaches on ground of no stated class [m]."""
         unstated = replace(self.requirement, surface="unknown")
-        posterior = posterior_in_grid(self.predictor.area, self.prior, unstated)
-        return replace(self, requirement=unstated, posterior=posterior)._least_reachable_m
+        model = model_in_grid(self.model.area, self.prior, unstated)
+        return replace(self, requirement=unstated, model=model)._least_reachable_m
 
     @property
     def _least_reachable_m(self) -> float:
@@ -519,9 +540,10 @@ class SwathSearch:
         return self._distribution(shape, self.counts[-1]).quantile_m(self.requirement.probability)
 
     @property
-    def _likely(self) -> KernelPosterior:
-        """The likeliest covariance alone."""
-        return KernelPosterior.of([self.posterior.likeliest])
+    def _likely(self) -> "SwathSearch":
+        """The search with the likeliest covariance alone."""
+        alone = KernelPosterior.of([self.model.posterior.likeliest])
+        return replace(self, model=replace(self.model, posterior=alone))
 
     def _stakes(self, shape: LinePattern, n: int, route: Route) -> StakePlan | None:
         """Return the stakes that save swaths, or None."""
@@ -535,19 +557,18 @@ class SwathSearch:
 
     def _distribution(self, shape: LinePattern, n: int) -> ErrorDistribution:
         """Return the distribution of the error of so many swaths."""
-        key = shape.pattern, n, self.posterior.kernels
+        posterior = self.model.posterior
+        key = shape.pattern, n, posterior.kernels
         if key not in self._known:
             xy = places(self._route(shape, n)[1], self.requirement.sample_step_m)
-            self._known[key] = self.predictor.distribution(xy, self.posterior)
-        known = replace(
-            self._known[key], spread=self.posterior.spread, open_spread=self.posterior.open_spread
-        )
+            self._known[key] = self.model.predictor.distribution(xy, posterior)
+        known = replace(self._known[key], spread=posterior.spread, open_spread=posterior.open_spread)
         return known.with_shared(self.requirement.shared_m)
 
     def _route(self, shape: LinePattern, n: int) -> tuple[LinePattern, Route]:
         config = shape.model_copy(update={"swaths": n})
         if (shape.pattern, n) not in self._routes:
-            self._routes[shape.pattern, n] = planned_on(self.site, self.predictor.area, config)
+            self._routes[shape.pattern, n] = planned_on(self.site, self.model.area, config)
         return config, self._routes[shape.pattern, n]
 
 
@@ -556,7 +577,7 @@ def guarantee(
 ) -> Guarantee:
     """Find the shortest survey whose map meets a requirement, by prediction and by simulation.
 
-    The map is a Gaussian process fitted to the survey alone. Relief finer than the prior resolves is extrapolated
+    The map is a Gaussian process of the samples and of the cells of the prior, as `reconstruct` makes it with the prior. Relief finer than the prior resolves is extrapolated
     with the roughness of the class of surface; an adaptive survey (`planners.guarantee.adaptive`) learns it from the
     first swaths instead. Swaths run across a marked grain of the prior, at most five of its cells apart. Terrain that
     the prior does not cover has the fitted covariance and no known heights. On an area of more than sixteen cells along

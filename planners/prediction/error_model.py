@@ -1,58 +1,40 @@
-"""Predicted map error of a route, from the covariance of the terrain and the places of the samples.
+"""Predicted error of the map that a route will give, from the places of its samples and of the prior's cells.
 
-`ErrorModel` gives the posterior variance of a Gaussian process at the nodes of a map, which depends on the places of
-the samples and not on the heights. Maps of very many samples are predicted from the nearest samples of each node.
-`predict_error` returns the standard deviation of the map of a route.
+`ErrorModel` predicts the distribution of the map's root mean square error, and its standard deviation from place to place,
+for many routes over one area. `ErrorModel.from_prior` takes the covariances of the terrain from a coarse prior and counts
+the prior's cells as measurements, as the map will; `ErrorModel.of` takes a known covariance. Every plan, comparison and
+guarantee uses this one prediction. `predict_error` is the function for one route and a known covariance.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from planners.capacity import require_error_nodes
-from planners.prediction.places import places, slope_length_m, spread_places
-from survey import ConfigError, Dem, Grid, InputError, Route, SurveyArea
+from planners.config import settings_factor
+from planners.prediction.assumptions import MapAssumptions, SampleErrors
+from planners.prediction.error_distribution import FITTED_KERNEL_INFLATION, ErrorDistribution, MapPredictor
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
+from planners.prediction.places import places
+from planners.prediction.prior_cells import PriorCells
+from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core import BoolArray, FloatArray
-from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 from survey.reconstruction.gp.kernels import Kernel
 
-# Nearer samples screen those beyond.
-_N_NEAREST = 120
-
-
-def _variance_from_nearest(kernel: Kernel, xy: FloatArray, sigma_m: float, at: FloatArray) -> FloatArray:
-    """Return the variance at places, each predicted from its 120 nearest samples, which screen those beyond.
-
-    `kernel`: covariance of the terrain [m²]. `xy` (N, 2): easting and northing of the samples [m]. `sigma_m`:
-    standard deviation of a sample [m]. `at` (M, 2): the places [m]. Returns (M,): variance [m²].
-    """
-    nearest = cKDTree(xy).query(at, min(_N_NEAREST, len(xy)))[1].reshape(len(at), -1)
-    variance = np.empty(len(at))
-    for index, (place, chosen) in enumerate(zip(at, nearest, strict=True)):
-        n = len(chosen)
-        process = DenseGaussianProcess.fit(
-            xy[chosen], np.zeros(n), np.full(n, sigma_m), kernel, trend="constant"
-        )
-        variance[index] = process.predict(place[None, :])[1][0]
-    return variance
-
-
 _N_NODES_ALONG = 30
-_LEAST_NODES = 200
-_MOST_SAMPLES = 2000
-_MOST_PLACES = 1_000_000
+# Places whose variance is computed together.
+_BLOCK = 3000
 # Places in a cell, in shares of it from its centre: no two in one row or column, so that swaths as far apart as
 # the cells are seen.
 _IN_CELL = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
-# Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
+# Relative to the standard deviation of the terrain: keeps the matrix positive definite, a centimetre on 25 m of relief.
 _LEAST_NOISE = 1e-3
 
 
 @dataclass(frozen=True)
 class PredictedError:
-    """Predicted error of a map, given the covariance of the terrain.
+    """Predicted error of a map.
 
     `std`: standard deviation in the cells of a coarse grid [m]: the root mean square over the free ground of
     the cell; NaN off the free ground. `rmse_m`: expected root mean square error over the area [m]. `p95_m`,
@@ -69,22 +51,21 @@ class PredictedError:
 class ErrorModel:
     r"""Predictor of the error of maps over one area, for many routes.
 
-    .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + \sigma^2 I]^{-1} k(X, x) + \ldots
+    .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + R]^{-1} k(X, x) + \ldots
 
-    at the nodes x for samples X along the route (glacier paper, Eq. 5); the dots stand
-    for the unknown constant mean, which is integrated out. Nodes are spread over the area
-    in no step with the swaths.
+    at places x for samples X along the route and means over the cells of a prior, with their errors R (glacier paper,
+    Eq. 5); the dots stand for the unknown constant mean, which is integrated out.
 
     `area`: where the map is wanted. `grid`: centres of the cells in which the standard deviation is drawn.
-    `kernel`: covariance of the terrain [m²], with lengths in grid metres. `noise_m`: standard deviation of a
-    sample [m]. `sample_step_m`: distance between samples, in grid metres.
+    `posterior`: covariances that the terrain may have, with lengths in grid metres. `errors`: errors of samples, in grid
+    metres. `predictor`: the samples' and cells' part of the prediction.
     """
 
     area: SurveyArea
     grid: Grid
-    kernel: Kernel
-    noise_m: float
-    sample_step_m: float
+    posterior: KernelPosterior
+    errors: SampleErrors
+    predictor: MapPredictor
 
     @classmethod
     def of(
@@ -95,100 +76,130 @@ class ErrorModel:
         noise_m: float,
         sample_step_m: float = 10.0,
         cell_m: float | None = None,
-    ) -> "ErrorModel":
-        """Create the model with nodes over an area.
+    ) -> Self:
+        """Create the model of terrain of a known covariance, mapped without a prior.
 
         `kernel`: covariance of the terrain [m²], with lengths in grid metres. `noise_m`: standard deviation
-        of a sample [m].
+        of a sample [m]. `sample_step_m`: distance between samples, in grid metres.
         """
-        if not (np.isfinite(noise_m) and noise_m >= 0.0):
-            raise ConfigError(f"the noise of a sample is {noise_m} m; it must be 0 or greater.")
-        if not (np.isfinite(sample_step_m) and sample_step_m > 0.0):
-            raise ConfigError(f"the sample spacing is {sample_step_m} m; it must be greater than 0.")
-        xmin, ymin, xmax, ymax = area.bounds
-        cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
-        require_error_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
-        n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
-        x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
-        grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
-        return cls(area, grid, kernel, noise_m, sample_step_m)
+        errors = SampleErrors(noise_m=noise_m, sample_step_m=sample_step_m, shared_m=0.0)
+        noise_m = max(noise_m, _LEAST_NOISE * float(np.sqrt(kernel.variance_m2)))
+        posterior = KernelPosterior((WeightedKernel.given(kernel, noise_m),))
+        return cls(area, _grid(area, cell_m), posterior, errors, MapPredictor(area, sample_step_m))
+
+    @classmethod
+    def from_prior(
+        cls,
+        area: SurveyArea,
+        prior: Dem,
+        assumed: MapAssumptions | None = None,
+        *,
+        cell_m: float | None = None,
+    ) -> "ErrorModel":
+        """Create the model of terrain that a prior shows coarsely, mapped with that prior.
+
+        `assumed`: errors of samples and prior, and the class of surface; lengths are metres on the ground.
+        """
+        errors = (assumed or MapAssumptions()).in_grid_metres(settings_factor(area))
+        model = model_in_grid(area, prior, errors)
+        return model if cell_m is None else model.with_cells(cell_m)
 
     @property
     def slope_length_m(self) -> float:
         """Distance over which the terrain's slopes change [m]."""
-        return slope_length_m(self.kernel)
-
-    @cached_property
-    def nodes(self) -> FloatArray:
-        """Nodes (M, 2) on the free ground [m]."""
-        n_cells = int(self.area.free.area / self.grid.step_m**2)
-        return spread_places(self.area, max(n_cells, _LEAST_NODES))
-
-    def variance(
-        self, xy: FloatArray, noise_m: float | None = None, at: FloatArray | None = None
-    ) -> FloatArray:
-        """Return the predicted variance at the nodes, given samples at places.
-
-        `xy` (N, 2): easting and northing of the samples [m]. `noise_m`: standard deviation of a sample [m];
-        that of the model by default. `at` (M, 2): other places than the nodes [m]. Returns (M,): variance at
-        the nodes [m²].
-        """
-        sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, self._least_noise_m))
-        gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
-        return gp.predict(self.nodes if at is None else at)[1]
-
-    def _variance_of(self, route: Route, most_samples: int, at: FloatArray) -> FloatArray:
-        """Return the variance at places; fewer, better samples stand for all where there would be too many."""
-        step = max(self.sample_step_m, route.length_m / most_samples)
-        is_local = self._is_local(route, most_samples)
-        if is_local:
-            step = max(self.sample_step_m, 0.5 * self._apart_m(route), route.length_m / _MOST_PLACES)
-        xy, noise = places(route, step), self.noise_m * float(np.sqrt(self.sample_step_m / step))
-        if is_local:
-            return _variance_from_nearest(self.kernel, xy, max(noise, self._least_noise_m), at)
-        return self.variance(xy, noise, at)
-
-    def _is_local(self, route: Route, most_samples: int) -> bool:
-        """Return whether so few samples would lie farther apart than the swaths: then those near a place predict it."""
-        return max(self.sample_step_m, route.length_m / most_samples) > self._apart_m(route)
-
-    def _apart_m(self, route: Route) -> float:
-        """Return how far lines as long as the route would be apart over the area [m]."""
-        return float(self.area.free.area) / max(route.length_m, 1e-9)
+        return self.posterior.slope_length_m
 
     @property
-    def _least_noise_m(self) -> float:
-        return _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
+    def nodes(self) -> FloatArray:
+        """Places (M, 2) on the free ground where the map is judged [m]."""
+        return self.predictor.nodes
 
-    def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
-        """Return the expected root-mean-square error over the area [m].
+    def with_cells(self, cell_m: float) -> Self:
+        """Return the model that draws the standard deviation in cells of another width [m]."""
+        return replace(self, grid=_grid(self.area, cell_m))
 
-        Where the route has more than `most_samples` samples, fewer stand for all: their
-        noise is that of the mean of those that each replaces.
+    def over(self, area: SurveyArea, prior: Dem) -> Self:
+        """Return the model of another area, with the same covariances and the cells of the prior there."""
+        cells = None
+        if self.predictor.cells is not None:
+            cells = PriorCells.of(prior, area, self.predictor.cells.sigma_m)
+        predictor = replace(self.predictor, area=area, cells=cells)
+        return replace(self, area=area, grid=_grid(area, None), predictor=predictor)
 
-        Returns: root of the mean variance over the nodes [m].
+    def distribution(self, route: Route, most_samples: int | None = None) -> ErrorDistribution:
+        """Return the distribution of the root mean square error of the map over the area.
+
+        Where the route has more than `most_samples` samples, every k-th stands for its neighbours, but no two are farther
+        apart than the swaths.
         """
-        at = self.nodes[: _LEAST_NODES if self._is_local(route, most_samples) else None]
-        return float(np.sqrt(self._variance_of(route, most_samples, at).mean()))
+        xy, posterior = self._samples(route, most_samples)
+        return self.predictor.distribution(xy, posterior).with_shared(self.errors.shared_m)
 
-    def error(self, route: Route) -> PredictedError:
-        """Return the predicted error of a route, with its map."""
+    def rmse_m(self, route: Route, most_samples: int | None = None) -> float:
+        """Return the expected root mean square error over the area [m]."""
+        return self.distribution(route, most_samples).rmse_m
+
+    def variance(self, xy: FloatArray, noise_factor: float = 1.0, at: FloatArray | None = None) -> FloatArray:
+        """Return the predicted variance at the nodes, given samples at places.
+
+        `xy` (N, 2): easting and northing of the samples [m]. `noise_factor`: of the errors of samples, where fewer
+        stand for all. `at` (M, 2): other places than the nodes [m]. Returns (M,): variance at the nodes [m²].
+        """
+        posterior = self.posterior.with_noise_times(noise_factor)
+        at = self.nodes if at is None else at
+        blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
+        return np.concatenate([self.predictor.variance(xy, posterior, block) for block in blocks])
+
+    def error(self, route: Route, most_samples: int | None = None) -> PredictedError:
+        """Return the predicted error of a route, with its map.
+
+        The map is scaled to the expected error over the area, of which it shows where it is large.
+        """
         cells, offsets = self.grid.xy[:, None], self.grid.step_m * _IN_CELL
-        xy = (cells + offsets).reshape(-1, 2)
-        inside = self.area.contains(xy)
+        places_in = (cells + offsets).reshape(-1, 2)
+        inside = self.area.contains(places_in)
         if not inside.any():
             raise InputError(
                 f"no place of {self.grid.step_m:g} m cells lies on the free ground; take smaller cells."
             )
-        variance = self._variance_of(route, _MOST_SAMPLES, np.vstack([self.nodes, xy[inside]]))
-        of_nodes, of_cells = np.split(variance, [len(self.nodes)])
-        std = np.sqrt(_means(of_cells, inside.reshape(len(cells), -1))).reshape(self.grid.shape)
+        xy, posterior = self._samples(route, most_samples)
+        model = replace(self, posterior=posterior)
+        of_nodes, of_cells = model.variance(xy), model.variance(xy, at=places_in[inside])
+        rmse_m = self.rmse_m(route, most_samples)
+        scale_m2 = rmse_m**2 / float(of_nodes.mean())
+        std = np.sqrt(scale_m2 * _means(of_cells, inside.reshape(len(cells), -1))).reshape(self.grid.shape)
         return PredictedError(
             Dem.on(self.grid, std),
-            self.rmse_m(route),
-            float(np.sqrt(np.percentile(of_nodes, 95.0))),
-            float(np.sqrt(variance.max())),
+            rmse_m,
+            float(np.sqrt(scale_m2 * np.percentile(of_nodes, 95.0))),
+            float(np.sqrt(scale_m2 * max(of_nodes.max(), of_cells.max()))),
         )
+
+    def _samples(self, route: Route, most_samples: int | None) -> tuple[FloatArray, KernelPosterior]:
+        """Return the places of samples (N, 2) [m], and the covariances with the errors of these samples."""
+        xy = places(route, self.errors.sample_step_m)
+        apart = float(self.area.free.area) / max(len(xy) * self.errors.sample_step_m**2, 1e-9)
+        every = 1 if most_samples is None else int(min(np.ceil(len(xy) / most_samples), apart))
+        if every <= 1:
+            return xy, self.posterior
+        return xy[::every], self.posterior.with_noise_times(float(1.0 / np.sqrt(every)))
+
+
+def model_in_grid(area: SurveyArea, prior: Dem, errors: MapAssumptions) -> ErrorModel:
+    """Return the model of terrain that a prior shows coarsely, for assumptions whose lengths are grid metres."""
+    cells = PriorCells.of(prior, area, errors.prior_sigma_m)
+    predictor = MapPredictor(area, errors.sample_step_m, FITTED_KERNEL_INFLATION, cells)
+    return ErrorModel(area, _grid(area, None), posterior_in_grid(area, prior, errors), errors, predictor)
+
+
+def _grid(area: SurveyArea, cell_m: float | None) -> Grid:
+    """Return the centres of cells over an area, a thirtieth of its longer side by default."""
+    xmin, ymin, xmax, ymax = area.bounds
+    cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
+    require_error_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
+    n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
+    x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
+    return Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
 
 
 def _means(values: FloatArray, inside: BoolArray) -> FloatArray:

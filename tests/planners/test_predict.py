@@ -179,7 +179,7 @@ def test_rough_ground_around_the_area_does_not_enter_its_kernel(rng):
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample spacing")],
+    [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample_step_m")],
 )
 def test_settings_that_make_no_sense_are_refused(wrong, message):
     route = plan(SITE, None, LawnmowerConfig(swaths=2))

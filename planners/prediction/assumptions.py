@@ -1,4 +1,4 @@
-"""Classes of surface: how rough measured ground is below what a coarse prior resolves.
+"""What a prediction assumes: the errors of samples and prior, and the class of surface.
 
 The class of surface states how rough the ground is below what a coarse prior resolves. A prior shows nothing finer than
 two or three of its cells. Finer relief is extrapolated through covariances whose smoothness is that of measured ground
@@ -24,11 +24,14 @@ Spreads of the other classes are smaller, as they state more.
 """
 
 from collections.abc import Mapping
-from typing import Literal, NamedTuple, get_args
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
+from survey import ConfigError
 from survey.reconstruction.gp.families import SearchedFamily
+from survey.reconstruction.gp.kernel_search import ALL
 
 Surface = Literal["bare-ice", "snow", "moraine", "bedrock", "unknown"]
 
@@ -51,7 +54,7 @@ SURFACES: dict[Surface, SurfaceClass] = {
     "snow": SurfaceClass({"squared-exponential": 0.4, "matern-5/2": 0.4, "matern-3/2": 0.2}, 0.03, 0.12),
     "moraine": SurfaceClass({"matern-3/2": 0.4, "whittle": 0.6}, 0.15, 0.2),
     "bedrock": SurfaceClass({"matern-3/2": 0.3, "whittle": 0.7}, 0.15, 0.2),
-    "unknown": SurfaceClass({"matern-3/2": 0.65, "whittle": 0.35}, 0.08, 0.3),
+    "unknown": SurfaceClass({"matern-5/2": 0.15, "matern-3/2": 0.55, "whittle": 0.3}, 0.08, 0.33),
 }
 """Measured or published roughness of each class of surface."""
 
@@ -88,3 +91,68 @@ def roughness_elsewhere(lag_m: float, slope: float) -> LogRoughness:
         np.log(_TYPICAL_M) + _TYPICAL_GROWTH * np.log(lag_m / _TYPICAL_LAG_M) + _SLOPE_POWER * np.log(within)
     )
     return LogRoughness(float(mean), _TYPICAL_SPREAD**2)
+
+
+# No error of a survey is larger; squares of more do not fit a number.
+_LARGEST_M = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleErrors:
+    """Errors of the samples of a survey.
+
+    `noise_m`, `localization_m`: standard deviation of a sample's height, and of the rover's place east and north [m].
+    `sample_step_m`: distance between samples [m]. `shared_m`: standard deviation of an error of height that all samples
+    share, as of the path [m].
+    """
+
+    noise_m: float = 0.1
+    localization_m: float = 0.0
+    sample_step_m: float = 10.0
+    shared_m: float = 0.05
+
+    def __post_init__(self) -> None:
+        require_deviations(self, "noise_m", "localization_m", "shared_m")
+        if not (np.isfinite(self.sample_step_m) and self.sample_step_m > 0.0):
+            raise ConfigError(f"sample_step_m is {self.sample_step_m}; it must be greater than 0.")
+
+    def in_grid_metres(self, factor: float) -> Self:
+        """Return the settings with their horizontal lengths multiplied by a factor."""
+        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
+        return replace(self, sample_step_m=step_m, localization_m=localization_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapAssumptions(SampleErrors):
+    """Errors of samples and prior, and the ground, that the predicted error of a map rests on.
+
+    `noise_m`, `localization_m`: standard deviation of a sample's height, and of the rover's place east and north [m].
+    `sample_step_m`: distance between samples [m]. `shared_m`: standard deviation of an error of height that all samples
+    share, as of the path [m]. `prior_sigma_m`: standard deviation of a cell of the prior [m]. `surface`: class of the
+    ground, which says how rough it is below the resolution of the prior. `micro_relief_m`: standard deviation of relief
+    finer than the samples [m]; that of the class by default. `assumed`: covariance family of the terrain; by default those
+    of the class of surface.
+    """
+
+    prior_sigma_m: float = 1.0
+    surface: Surface = "unknown"
+    micro_relief_m: float | None = None
+    assumed: SearchedFamily | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_deviations(self, "prior_sigma_m", "micro_relief_m")
+        if self.surface not in SURFACE_NAMES:
+            raise ConfigError(f"{self.surface} is no class of surface; take {', '.join(SURFACE_NAMES)}.")
+        if self.assumed is not None and self.assumed not in ALL:
+            raise ConfigError(f"{self.assumed} is no family of covariances; take {', '.join(ALL)}.")
+
+
+def require_deviations(settings: object, *names: str) -> None:
+    """Refuse standard deviations that are negative, or larger than any error of a survey."""
+    for name in names:
+        value = getattr(settings, name)
+        if value is not None and not (np.isfinite(value) and value >= 0.0):
+            raise ConfigError(f"{name} is {value}; it must be 0 or greater.")
+        if value is not None and value > _LARGEST_M:
+            raise ConfigError(f"{name} is {value:g} m; {_LARGEST_M:g} m is the most.")
