@@ -6,7 +6,7 @@ with an inset and the default waves are among the candidates, so the choice is n
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import Literal, Self
@@ -104,7 +104,8 @@ def choose(
     True
     """
     lay = partial(_laid, LayoutTask(area, crew or Crew(), model))
-    sized = _counted(_sizer(lay, config, model), _n_shapes(area, config), progress)
+    quick = model.for_comparisons()
+    sized = _counted(_sizer(lay, config, quick), _n_shapes(area, config), progress)
     value = _least(config)
 
     def best_of(shapes: Iterable[LinePattern]) -> Choice:
@@ -116,7 +117,23 @@ def choose(
     straight = best_of(_straight(area, config))
     turned = best_of(_replaced(straight.config, heading_deg=heading) for heading in _headings(area, config))
     wavy = best_of(_default_wave(heading, config, model) for heading in _headings(area, config))
-    return min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
+    best = min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
+    return best if quick is model else _confirmed(best, lay, config, model)
+
+
+def _confirmed(
+    best: Choice, lay: Callable[[LinePattern], Route], config: BestConfig, model: ErrorModel
+) -> Choice:
+    """Return a choice with the error that the complete model predicts, and as many swaths as a wanted error needs."""
+
+    def of(n: int) -> Choice:
+        shape = _replaced(best.config, swaths=n)
+        route = lay(shape)
+        return Choice(shape, route, model.rmse_m(route))
+
+    if config.rmse_m is None:
+        return replace(best, rmse_m=model.rmse_m(best.route))
+    return _fewest(of, config.rmse_m, first=best.config.swaths or 1)
 
 
 def _laid(task: LayoutTask, shape: LinePattern) -> Route:
@@ -219,9 +236,9 @@ def _most(length_m: Callable[[int], float], budget_m: float) -> int:
     return low
 
 
-def _fewest(choice: Callable[[int], Choice], rmse_m: float) -> Choice | None:
-    """Return the choice with the fewest swaths that is predicted to reach the wanted error."""
-    low, high = 0, 1
+def _fewest(choice: Callable[[int], Choice], rmse_m: float, first: int = 1) -> Choice:
+    """Return the choice with the fewest swaths that is predicted to reach the wanted error, sought from `first` on."""
+    low, high = 0, first
     found = choice(high)
     while found.rmse_m > rmse_m:
         low, high = high, 2 * high

@@ -317,7 +317,7 @@ class _Left(NamedTuple):
 class MapPredictor:
     """Predictor of the error of the map that samples at given places give, beside the cells of a prior.
 
-    `area`: where the map is judged, at 200 places or so. `step_m`: distance between samples [m]. `inflation`: factor on
+    `area`: where the map is judged, at `n_nodes` places or so. `step_m`: distance between samples [m]. `inflation`: factor on
     predicted errors for covariances that are fitted. `cells`: the prior that the map is made with.
     """
 
@@ -325,11 +325,12 @@ class MapPredictor:
     step_m: float
     inflation: float = 1.0
     cells: PriorCells | None = None
+    n_nodes: int = _N_NODES
 
     @cached_property
     def nodes(self) -> FloatArray:
         """Places (M, 2) on the free ground [m], in no step with any swaths; any first part of them is spread evenly."""
-        return spread_places(self.area, _N_NODES)
+        return spread_places(self.area, self.n_nodes)
 
     @cached_property
     def _reach_m(self) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from planners.capacity import require_error_nodes
 from planners.config import settings_factor
@@ -23,8 +24,8 @@ from survey.core import BoolArray, FloatArray
 from survey.reconstruction.gp.kernels import Kernel
 
 _N_NODES_ALONG = 30
-# Places whose variance is computed together.
-_BLOCK = 3000
+# Places whose variance is computed together, and places that routes are compared at.
+_BLOCK, _N_COMPARED = 3000, 60
 # Places in a cell, in shares of it from its centre: no two in one row or column, so that swaths as far apart as
 # the cells are seen.
 _IN_CELL = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
@@ -126,6 +127,16 @@ class ErrorModel:
         predictor = replace(self.predictor, area=area, cells=cells)
         return replace(self, area=area, grid=_grid(area, None), predictor=predictor)
 
+    def for_comparisons(self) -> Self:
+        """Return the model with the likeliest covariance alone and at fewer places, which ranks routes many times faster.
+
+        A model without a prior is returned as it is.
+        """
+        if self.predictor.cells is None:
+            return self
+        posterior = KernelPosterior.of([self.posterior.likeliest])
+        return replace(self, posterior=posterior, predictor=replace(self.predictor, n_nodes=_N_COMPARED))
+
     def distribution(self, route: Route, most_samples: int | None = None) -> ErrorDistribution:
         """Return the distribution of the root mean square error of the map over the area.
 
@@ -133,7 +144,9 @@ class ErrorModel:
         apart than the swaths.
         """
         xy, posterior = self._samples(route, most_samples)
-        return self.predictor.distribution(xy, posterior).with_shared(self.errors.shared_m)
+        # Matrices of some hundred rows: spinning threads would only slow them down.
+        with threadpool_limits(1):
+            return self.predictor.distribution(xy, posterior).with_shared(self.errors.shared_m)
 
     def rmse_m(self, route: Route, most_samples: int | None = None) -> float:
         """Return the expected root mean square error over the area [m]."""
@@ -148,7 +161,8 @@ class ErrorModel:
         posterior = self.posterior.with_noise_times(noise_factor)
         at = self.nodes if at is None else at
         blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
-        return np.concatenate([self.predictor.variance(xy, posterior, block) for block in blocks])
+        with threadpool_limits(1):
+            return np.concatenate([self.predictor.variance(xy, posterior, block) for block in blocks])
 
     def error(self, route: Route, most_samples: int | None = None) -> PredictedError:
         """Return the predicted error of a route, with its map.
@@ -189,7 +203,9 @@ def model_in_grid(area: SurveyArea, prior: Dem, errors: MapAssumptions) -> Error
     """Return the model of terrain that a prior shows coarsely, for assumptions whose lengths are grid metres."""
     cells = PriorCells.of(prior, area, errors.prior_sigma_m)
     predictor = MapPredictor(area, errors.sample_step_m, FITTED_KERNEL_INFLATION, cells)
-    return ErrorModel(area, _grid(area, None), posterior_in_grid(area, prior, errors), errors, predictor)
+    with threadpool_limits(1):
+        posterior = posterior_in_grid(area, prior, errors)
+    return ErrorModel(area, _grid(area, None), posterior, errors, predictor)
 
 
 def _grid(area: SurveyArea, cell_m: float | None) -> Grid:

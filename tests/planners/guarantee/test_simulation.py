@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import binom
 
 from planners import LawnmowerConfig, plan
-from planners.guarantee.guarantee import GROUNDS, SimulatedErrors, SimulatedSurveys
 from planners.guarantee.requirement import MapRequirement
+from planners.guarantee.simulated_surveys import GROUNDS, SimulatedErrors, SimulatedSurveys
 from planners.prediction.error_model import ErrorModel
 from planners.prediction.kernel_posterior import KernelPosterior
 from survey import Grid, SurveyArea
