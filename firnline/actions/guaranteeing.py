@@ -83,8 +83,16 @@ def refusal_text(made: "Guarantee") -> str:
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
-        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}--adaptive "
-        "learns how rough the ground is from its first swaths."
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}{_way_out(made)}"
+    )
+
+
+def _way_out(made: "Guarantee") -> str:
+    """Return what other numbers of swaths reach, and how the best of them is planned."""
+    options = "; ".join(str(one) for one in made.options)
+    return (
+        f"predicted are {options}; --swaths {made.config.swaths} --pattern {made.config.pattern} instead of --require plans the "
+        "densest, and --adaptive learns how rough the ground is from its first swaths."
     )
 
 
@@ -133,6 +141,7 @@ class GuaranteedPlan(PlanResult):
             "simulated_shares": {
                 name: made.simulated.share(limit_m, name) for name in dict.fromkeys(made.simulated.grounds)
             },
+            "options": [one._asdict() for one in made.options],
             "stakes": None if made.stakes is None else str(made.stakes),
             "assumed": made.assumptions,
         } | {
@@ -167,7 +176,10 @@ class GuaranteedPlan(PlanResult):
             f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
             f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
         )
-        return [first, *(fact_line(name, text) for name, text in facts.items())]
+        options = [
+            fact_line("predicted are" if k == 0 else "", str(one)) for k, one in enumerate(made.options)
+        ]
+        return [first, *(fact_line(name, text) for name, text in facts.items()), *options]
 
 
 def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> GuaranteedPlan:

@@ -35,7 +35,7 @@ from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.prediction.places import places
 from planners.routes.traversability import Drivable, drivable
 from survey import Dem, Route, SurveyArea
-from survey.core import FloatArray, Progress
+from survey.core import FloatArray, Progress, length_text
 
 STAKED_M = 0.02
 """Shared error that is left after two stakes, each measured to 3 cm [m]."""
@@ -58,6 +58,30 @@ class StakePlan(NamedTuple):
         return f"{len(self.xy)} stakes at {at} save {self.saved_swaths} swaths"
 
 
+class SurveyOption(NamedTuple):
+    """A number of swaths: what it takes and what its map is predicted to err.
+
+    `length_m`: distance to drive on the ground [m]. `rmse_m`, `low_m`, `high_m`: expected error, and the bounds that the
+    error lies between with 80 % [m]. `probability`, `with_stakes`: probability that the limit is met, without stakes and
+    with two of them.
+    """
+
+    swaths: int
+    length_m: float
+    rmse_m: float
+    low_m: float
+    high_m: float
+    probability: float
+    with_stakes: float
+
+    def __str__(self) -> str:
+        """Return one line."""
+        return (
+            f"{self.swaths} lines, {length_text(self.length_m)}: {self.rmse_m:.2g} m ({self.low_m:.2g} to {self.high_m:.2g} m "
+            f"with 80 %), within the limit with {self.probability:.0%}, with two stakes {self.with_stakes:.0%}"
+        )
+
+
 # Ratio of errors above which they contradict a class; on rough sites without a stated class it was 1.0 to 1.9.
 _CONTRADICTED = 2.0
 
@@ -72,7 +96,7 @@ class Guarantee:
     the likeliest covariance of the prior. `likely_swaths`: number of swaths that are enough with that
     covariance, at most those of the route. `simulated`: error of the map in each simulated survey, by kind of
     ground. `reachable_m`: error that the densest survey considered stays within with the required probability
-    [m]; it does not depend on the limit. `stakes`: stakes that save swaths, where errors that samples share
+    [m]; it does not depend on the limit. `options`: what other numbers of swaths of this pattern reach. `stakes`: stakes that save swaths, where errors that samples share
     cost some. `unstated_m`: error that the densest survey reaches where no class of surface is stated [m],
     for a guarantee that does not hold and a class that the relief of the prior contradicts.
     """
@@ -86,6 +110,7 @@ class Guarantee:
     likely_swaths: int
     simulated: SimulatedErrors = field(repr=False)
     reachable_m: float
+    options: tuple[SurveyOption, ...] = ()
     stakes: StakePlan | None = None
     unstated_m: float | None = None
 
@@ -139,6 +164,8 @@ class Guarantee:
 _EACH_TRIED = 12
 # Denser surveys that are tried where simulated ones contradict the prediction.
 _MOST_TRIALS = 4
+# Numbers of swaths whose error is listed beside a guarantee.
+_N_OPTIONS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +269,26 @@ class SwathSearch:
             min(fewer, n),
             errors,
             self._least_reachable_m,
+            self._options(shape, n),
             stakes,
+        )
+
+    def _options(self, shape: LinePattern, n: int) -> tuple[SurveyOption, ...]:
+        """Return what some numbers of swaths of a pattern reach, n among them."""
+        at = np.unique(np.linspace(0, len(self.counts) - 1, _N_OPTIONS).round().astype(int))
+        return tuple(self._option(shape, count) for count in sorted({n, *(self.counts[k] for k in at)}))
+
+    def _option(self, shape: LinePattern, n: int) -> SurveyOption:
+        found, limit_m = self._distribution(shape, n), self.requirement.limit_m
+        staked = replace(self.requirement, shared_m=min(STAKED_M, self.requirement.shared_m))
+        return SurveyOption(
+            n,
+            self._route(shape, n)[1].ground_length_m,
+            found.rmse_m,
+            found.quantile_m(0.1),
+            found.quantile_m(0.9),
+            found.probability(limit_m),
+            replace(self, requirement=staked)._distribution(shape, n).probability(limit_m),
         )
 
     def _unstated_m(self) -> float:
