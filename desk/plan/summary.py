@@ -79,7 +79,8 @@ def _coarse_std(plan: AreaPlan) -> Dem | None:
     if plan.drawing.model is None:
         return None
     xmin, ymin, xmax, ymax = plan.area.bounds
-    model = plan.drawing.model.with_cells(max(xmax - xmin, ymax - ymin) / _COARSE_NODES_ALONG)
+    cell_m = max(xmax - xmin, ymax - ymin) / _COARSE_NODES_ALONG
+    model = plan.drawing.model.for_comparisons().with_cells(cell_m)
     return model.error(plan.route, _COARSE_SAMPLES).std
 
 
