@@ -186,6 +186,28 @@ class TextTable(NamedTuple):
         )
 
 
+class NumberTable(NamedTuple):
+    """Table of numbers alone: its columns (N,) by name."""
+
+    columns: dict[str, FloatArray]
+    where: str
+
+    @property
+    def header(self) -> list[str]:
+        """Names of the columns."""
+        return list(self.columns)
+
+    def numbers(self, name: str, axis: Axis | None = None) -> FloatArray:
+        """Return a column (N,); decimal degrees where an axis is named."""
+        del axis
+        return self.columns[name]
+
+    def is_number(self, name: str, row: int, axis: Axis | None = None) -> bool:
+        """Return that each cell is a number."""
+        del name, row, axis
+        return True
+
+
 def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = (), width: int = 0) -> TextTable:
     """Read a table, with a header unless its columns are known; the separator is found by itself.
 
@@ -342,11 +364,13 @@ def _check_rows(numbered: list[tuple[int, list[str]]], header: list[str], where:
             )
 
 
-def refuse_hemispheres(table: TextTable, longitude: FloatArray, latitude: FloatArray) -> None:
+def refuse_hemispheres(table: TextTable | NumberTable, longitude: FloatArray, latitude: FloatArray) -> None:
     """Refuse a table whose degrees count to the south or the west in a column of their own, without a sign.
 
     `longitude`, `latitude` (N,): degrees as it states them.
     """
+    if isinstance(table, NumberTable):
+        return
     for name in table.header:
         cells = [cell.upper() for cell in table.texts(name)]
         for letters, negative, degrees in (("NS", "S", latitude), ("EW", "W", longitude)):
