@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import PositiveFloat, PositiveInt, model_validator
 
@@ -17,11 +17,13 @@ from planners.config import Corner, PatternConfig
 from planners.patterns.lawnmower import LAWNMOWER, LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner, always
 from planners.patterns.wavy import WAVY, LinePattern, WavyConfig
-from planners.prediction.error_model import ErrorModel
 from planners.routes.rover import Crew
 from planners.swaths.reference_lines import narrowest_heading
 from survey import InputError, Route, SurveyArea
 from survey.core import Progress
+
+if TYPE_CHECKING:
+    from planners.prediction.error_model import ErrorModel
 
 
 class BestConfig(PatternConfig):
@@ -83,7 +85,7 @@ Sizer = Callable[[LinePattern], Choice | None]
 def choose(
     area: SurveyArea,
     config: BestConfig,
-    model: ErrorModel,
+    model: "ErrorModel",
     *,
     crew: Crew | None = None,
     progress: Progress | None = None,
@@ -97,6 +99,7 @@ def choose(
     the candidates, so the choice is never worse than either as the
     covariance of `model` has it.
 
+    >>> from planners.prediction.error_model import ErrorModel
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> area = SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), "EPSG:32608")
     >>> model = ErrorModel.of(area, SquaredExponential(20.0, 90.0), noise_m=0.1, cell_m=30.0)
@@ -122,7 +125,7 @@ def choose(
 
 
 def _confirmed(
-    best: Choice, lay: Callable[[LinePattern], Route], config: BestConfig, model: ErrorModel
+    best: Choice, lay: Callable[[LinePattern], Route], config: BestConfig, model: "ErrorModel"
 ) -> Choice:
     """Return a choice with the error that the complete model predicts, and as many swaths as a wanted error needs."""
 
@@ -168,12 +171,12 @@ def _straight(area: SurveyArea, config: BestConfig) -> Iterator[LinePattern]:
         )
 
 
-def _default_wave(heading_deg: float, config: BestConfig, model: ErrorModel) -> LinePattern:
+def _default_wave(heading_deg: float, config: BestConfig, model: "ErrorModel") -> LinePattern:
     shape = WavyConfig(swaths=1, heading_deg=heading_deg, start=config.start)
     return _replaced(shape, wavelength_m=shape.wavelength_scales * model.slope_length_m)
 
 
-def _waves_like(wave: LinePattern, model: ErrorModel) -> Iterator[LinePattern]:
+def _waves_like(wave: LinePattern, model: "ErrorModel") -> Iterator[LinePattern]:
     for inset, outer in _BORDERS:
         yield _replaced(wave, inset_share=inset, outer_share=outer)
     for steepness in _STEEPNESSES:
@@ -198,7 +201,7 @@ def _counted(sized: Sizer, n_shapes: int, progress: Progress | None) -> Sizer:
     return reporting
 
 
-def _sizer(lay: Callable[[LinePattern], Route], config: BestConfig, model: ErrorModel) -> Sizer:
+def _sizer(lay: Callable[[LinePattern], Route], config: BestConfig, model: "ErrorModel") -> Sizer:
     """Return the function that gives a shape its number of swaths."""
 
     def of(shape: LinePattern, n: int) -> Choice:

@@ -7,7 +7,7 @@ predicted. The search is greedy: it looks one waypoint ahead.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 import shapely
@@ -15,11 +15,13 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from planners.config import Corner, PatternConfig
 from planners.patterns.planner import LayoutTask, Planner, always
-from planners.prediction.error_model import ErrorModel
 from planners.swaths.reference_lines import towards
 from survey import InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+
+if TYPE_CHECKING:
+    from planners.prediction.error_model import ErrorModel
 
 
 class VarianceDrivenConfig(PatternConfig):
@@ -57,7 +59,7 @@ class _Insertion:
 def variance_driven(
     area: SurveyArea,
     config: VarianceDrivenConfig,
-    model: ErrorModel,
+    model: "ErrorModel",
     progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Leg, ...]:
     """Build a path by cost-benefit insertion.
@@ -117,7 +119,7 @@ def _cheapest(path: FloatArray, place: FloatArray, ground: shapely.Geometry) -> 
     return None
 
 
-def _best(path: FloatArray, insertions: list[_Insertion], model: ErrorModel) -> _Insertion:
+def _best(path: FloatArray, insertions: list[_Insertion], model: "ErrorModel") -> _Insertion:
     """Return the insertion that lowers the variance most per added metre."""
     before = _variance(path, model)
     cost = np.array([max(i.added_m, model.errors.sample_step_m) for i in insertions])
@@ -127,7 +129,7 @@ def _best(path: FloatArray, insertions: list[_Insertion], model: ErrorModel) -> 
     return insertions[int(tried[int(np.argmax(gain))])]
 
 
-def _gain_of_places(path: FloatArray, insertions: list[_Insertion], model: ErrorModel) -> FloatArray:
+def _gain_of_places(path: FloatArray, insertions: list[_Insertion], model: "ErrorModel") -> FloatArray:
     """Return what one sample at each new place would explain of the nodes' variance."""
     new = np.array([_new_place(path, insertion.path) for insertion in insertions])
     xy, factor = _samples(path, model)
@@ -147,7 +149,7 @@ def _new_place(old: FloatArray, new: FloatArray) -> FloatArray:
     return place
 
 
-def _samples(path: FloatArray, model: ErrorModel) -> tuple[FloatArray, float]:
+def _samples(path: FloatArray, model: "ErrorModel") -> tuple[FloatArray, float]:
     """Return samples along a path and the factor of their errors; at most 500, each standing for its neighbours."""
     length, step_m = _length_m(path), model.errors.sample_step_m
     step = max(step_m, length / _MOST_SAMPLES)
@@ -159,12 +161,12 @@ def _samples(path: FloatArray, model: ErrorModel) -> tuple[FloatArray, float]:
     return np.column_stack([np.interp(stations, at, path[:, k]) for k in (0, 1)]), factor
 
 
-def _variance(path: FloatArray, model: ErrorModel) -> float:
+def _variance(path: FloatArray, model: "ErrorModel") -> float:
     xy, factor = _samples(path, model)
     return float(model.variance(xy, factor).sum())
 
 
-def _rmse_m(path: FloatArray, model: ErrorModel) -> float:
+def _rmse_m(path: FloatArray, model: "ErrorModel") -> float:
     return float(np.sqrt(_variance(path, model) / len(model.nodes)))
 
 
@@ -172,7 +174,7 @@ def _length_m(path: FloatArray) -> float:
     return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
-def _is_done(path: FloatArray, config: VarianceDrivenConfig, model: ErrorModel) -> bool:
+def _is_done(path: FloatArray, config: VarianceDrivenConfig, model: "ErrorModel") -> bool:
     return config.rmse_m is not None and len(path) > 1 and _rmse_m(path, model) <= config.rmse_m
 
 
