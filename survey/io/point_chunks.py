@@ -178,15 +178,18 @@ def chunked_files(sources: list[Path]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def point_file_facts(path: str | Path) -> PointFileFacts:
-    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header."""
+def point_file_facts(path: str | Path, crs: Any = None) -> PointFileFacts:
+    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header.
+
+    `crs`: CRS of files that state none.
+    """
     file = existing_file(path, "the point file")
     if file.suffix.lower() == ".ply":
         facts = PointFileFacts(*ply_facts(file))
     elif file.suffix.lower() == ".parquet":
         facts = PointFileFacts(*parquet_facts(file))
     else:
-        facts = _las_facts(file)
+        facts = _las_facts(file, crs)
     if facts.n_points == 0:
         raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
     if not np.isfinite(facts.bounds).all():
@@ -231,7 +234,7 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
         yield PointChunk(part.xyz, strip, np.zeros(len(part.xyz), np.uint8))
 
 
-def _las_facts(file: Path) -> PointFileFacts:
+def _las_facts(file: Path, named: Any) -> PointFileFacts:
     # here: laspy imports a client of the web
     from survey.io.las import crs_of_header, datum_of_header, lengths_of_header, open_las
 
@@ -239,7 +242,7 @@ def _las_facts(file: Path) -> PointFileFacts:
         header = reader.header
         low, high = header.mins, header.maxs
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        crs = crs_of_header(header, file)
+        crs = crs_of_header(header, file, named)
         stated = datum_of_header(header, crs), lengths_of_header(header, file)
         return PointFileFacts(header.point_count, bounds, crs, *stated, (float(low[2]), float(high[2])))
 
