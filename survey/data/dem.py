@@ -17,7 +17,7 @@ from survey.data.conversions import drawing, html_table, plot_raster, to_dataset
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.opening import check_transform
-from survey.io.raster.values import refuse_detached, refuse_impossible
+from survey.io.raster.values import log_plateau, refuse_detached, refuse_impossible
 from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:
@@ -166,6 +166,7 @@ class Dem(DataObject):
         if not mask:
             _refuse_mask(raster, path)
             refuse_detached(raster.values, _step_m(raster), str(path))
+            log_plateau(raster.values, str(path))
             refuse_impossible(raster.values, str(path))
         raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:

@@ -5,6 +5,7 @@ missing ones (such as -9999 or -32768) are refused. Cells without a height that 
 gap between them and all others.
 """
 
+import logging
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -13,6 +14,8 @@ import numpy as np
 from survey.core import FloatArray, InputError
 from survey.core.lengths import length_name, metres_in, named_units, same_length
 from survey.core.transformation import WGS84, MetricCrs, metric_crs
+
+logger = logging.getLogger(__name__)
 
 _PICTURES = frozenset(
     [
@@ -198,6 +201,45 @@ def refuse_detached(elevation: FloatArray, step_m: float, name: str) -> None:
     extremes = Extremes()
     extremes.add(elevation)
     extremes.refuse_detached(step_m, name)
+
+
+_PLATEAU_SHARE, _CLIFFS = 0.1, 5.0
+
+
+def log_plateau(elevation: FloatArray, name: str) -> None:
+    """Log one height that many cells hold to the last digit, and at whose edge heights jump as nowhere else.
+
+    Voids are often filled with 0 or a mean. The surface of water is as even, and meets its shore without such a jump.
+
+    `elevation` (H, W): elevations [m], NaN where unknown.
+    """
+    west, east = elevation[:, :-1], elevation[:, 1:]
+    even = west[west == east]
+    if even.size < _PLATEAU_SHARE * elevation.size:
+        return
+    heights, counts = np.unique(even, return_counts=True)
+    height = heights[counts.argmax()]
+    share = float((elevation == height).sum() / np.isfinite(elevation).sum())
+    jumps, others = [], []
+    for a, b in ((west, east), (elevation[:-1], elevation[1:])):
+        step, n_at = np.abs(a - b), (a == height).astype(np.int8) + (b == height)
+        jumps.append(step[(n_at == 1) & np.isfinite(step)])
+        others.append(step[(n_at == 0) & np.isfinite(step)])
+    jump, other = np.concatenate(jumps), np.concatenate(others)
+    if (
+        share >= _PLATEAU_SHARE
+        and jump.size
+        and np.median(jump) > _CLIFFS * (other.mean() if other.size else 0.0)
+    ):
+        logger.warning(
+            "%s holds exactly %g m in %.0f%% of its cells, and heights jump by %.3g m at their edge: if the number stands for unknown cells, "
+            "make it nodata (gdal_edit.py -a_nodata %g).",
+            name,
+            height,
+            100.0 * share,
+            np.median(jump),
+            height,
+        )
 
 
 def refuse_impossible(elevation: FloatArray, name: str) -> None:
