@@ -6,7 +6,9 @@
 """
 
 import math
+import mmap
 import os
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -43,7 +45,7 @@ class LogColumns:
     and specific force [m/s²] forward, right, down. `headings`: time [s], yaw that the autopilot estimated,
     clockwise from true north [rad]. `vehicle`: what the log calls it where it is one that flies, or ``""``. `is_ground`:
     whether the log calls it one that does not. `has_flown`: whether it was seen in the air. `lost`: what the log itself lost, one
-    note each.
+    note each. `n_cut`: bytes at the end of the file that are no whole record.
     """
 
     receivers: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
@@ -54,6 +56,7 @@ class LogColumns:
     is_ground: bool = False
     has_flown: bool = False
     lost: list[str] = field(default_factory=list)
+    n_cut: int = 0
 
     @property
     def flown(self) -> str:
@@ -85,10 +88,16 @@ class LogColumns:
         gps = GpsFixes(rows[:, 0], np.column_stack([xy, rows[:, 3]]), _sigma_m(rows), _sigma_z_m(rows))
         n_bad = len(self.receivers[chosen]) - len(rows)
         others = ", ".join(f"{len(usable[name])} of {name}" for name in usable if name != chosen)
+        ends_s = f"the last fix before is of {rows[-1, 0] - rows[0, 0]:.1f} s after the first"
         notes = (
             f"works in {target.name}",
             f"{n_bad} records of the receiver without a fix or out of order are left out",
             *self.lost,
+            *(
+                [f"the log was cut off: its last {self.n_cut} bytes are no whole record; {ends_s}"]
+                if self.n_cut
+                else []
+            ),
             *([f"{len(rows)} fixes of {chosen} are used, and left out are {others}"] if others else []),
         )
         wheels, inertial = _table(self.wheels, 3), _table(self.inertial, 7)
@@ -204,9 +213,42 @@ def _read_mavlink(file: Path) -> LogColumns:
     try:
         while (message := log.recv_match(type=list(_TAKEN))) is not None:
             _TAKEN[message.get_type()](message, columns)
+        formats = getattr(log, "formats", {})
     finally:
         log.close()
+
+    def of_dataflash(data: mmap.mmap, place: int) -> int:
+        is_record = data[place] == 0xA3 and data[place + 1] == 0x95 and data[place + 2] in formats
+        return int(formats[data[place + 2]].len) if is_record else 0
+
+    columns.n_cut = _n_cut(file, 0, of_dataflash if formats else _telemetry_bytes)
     return columns
+
+
+def _telemetry_bytes(data: mmap.mmap, place: int) -> int:
+    """Return the length of a record of telemetry: 8 bytes of time and a frame of MAVLink 1 or 2, which may be signed."""
+    kind, n = data[place + 8], data[place + 9]
+    return {0xFE: 16 + n, 0xFD: 20 + n + 13 * (data[place + 10] & 1)}.get(kind, 0)
+
+
+def _n_cut(file: Path, first: int, length_at: Callable[[mmap.mmap, int], int]) -> int:
+    """Return how many bytes at the end of a log are no whole record; 0 where its records do not follow one another.
+
+    `first`: where the records begin. `length_at`: bytes of the record at a place; 0 where none is.
+    """
+    with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        n, place = len(data), first
+        while place < n:
+            try:
+                length = length_at(data, place)
+            except (IndexError, struct.error):
+                break
+            if length == 0:
+                return 0
+            if place + length > n:
+                break
+            place += length
+        return n - place
 
 
 def _take_gps(message: Any, columns: LogColumns) -> None:
@@ -302,6 +344,8 @@ def _read_ulog(file: Path) -> LogColumns:
     columns.set_vehicle(int(log.initial_parameters.get("MAV_TYPE", 0)))
     if log.file_corruption:
         columns.lost.append("the log is damaged: messages that cannot be read are left out")
+    elif not log.has_data_appended:
+        columns.n_cut = _n_cut(file, 16, lambda data, place: 3 + struct.unpack_from("<HB", data, place)[0])
     if log.dropouts:
         lost_s = _MILLI * sum(dropout.duration for dropout in log.dropouts)
         columns.lost.append(f"the logger lost {lost_s:.1f} s in {len(log.dropouts)} gaps")
