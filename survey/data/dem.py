@@ -1,5 +1,6 @@
 """Digital elevation models: square cells of terrain height in a projected CRS."""
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +24,8 @@ from survey.io.raster.warping import in_metres, window_crs
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import DataArray
+
+logger = logging.getLogger(__name__)
 
 _METRES_PER_DEGREE = 111_000.0
 
@@ -167,6 +170,8 @@ class Dem(DataObject):
             _refuse_mask(raster, path)
             refuse_detached(raster.values, _step_m(raster), str(path))
             log_plateau(raster.values, str(path))
+            if raster.n_bands > 1 and band == 1:
+                logger.warning("%s has %d bands; band 1 is read as the heights.", path, raster.n_bands)
             refuse_impossible(raster.values, str(path))
         raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:

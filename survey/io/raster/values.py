@@ -84,9 +84,14 @@ def _unit_of_band(source: Any, band: int) -> float | None:
     return of_crs or metres
 
 
+def is_own(source: Any) -> bool:
+    """Return whether firnline wrote an open raster."""
+    return any(tag.startswith(OWN_TAGS) for tag in source.tags())
+
+
 def _named_unit(source: Any, band: int, units: str | None) -> float:
     """Return the metres in the unit of a band that states none."""
-    if any(tag.startswith(OWN_TAGS) for tag in source.tags()):
+    if is_own(source):
         return 1.0
     if units is not None:
         return named_units(units)
