@@ -10,6 +10,7 @@ import mmap
 import os
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -88,16 +89,14 @@ class LogColumns:
         gps = GpsFixes(rows[:, 0], np.column_stack([xy, rows[:, 3]]), _sigma_m(rows), _sigma_z_m(rows))
         n_bad = len(self.receivers[chosen]) - len(rows)
         others = ", ".join(f"{len(usable[name])} of {name}" for name in usable if name != chosen)
-        ends_s = f"the last fix before is of {rows[-1, 0] - rows[0, 0]:.1f} s after the first"
+        cut = (
+            f"the log was cut off: its last {self.n_cut} bytes are no whole record; the last fix before is of {rows[-1, 0] - rows[0, 0]:.1f} s after the first",
+        )
         notes = (
             f"works in {target.name}",
             f"{n_bad} records of the receiver without a fix or out of order are left out",
             *self.lost,
-            *(
-                [f"the log was cut off: its last {self.n_cut} bytes are no whole record; {ends_s}"]
-                if self.n_cut
-                else []
-            ),
+            *(cut if self.n_cut else ()),
             *([f"{len(rows)} fixes of {chosen} are used, and left out are {others}"] if others else []),
         )
         wheels, inertial = _table(self.wheels, 3), _table(self.inertial, 7)
@@ -237,18 +236,11 @@ def _n_cut(file: Path, first: int, length_at: Callable[[mmap.mmap, int], int]) -
     `first`: where the records begin. `length_at`: bytes of the record at a place; 0 where none is.
     """
     with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        n, place = len(data), first
-        while place < n:
-            try:
-                length = length_at(data, place)
-            except (IndexError, struct.error):
-                break
-            if length == 0:
-                return 0
-            if place + length > n:
-                break
-            place += length
-        return n - place
+        n, place, length = len(data), first, 1
+        with suppress(IndexError, struct.error):  # the head of a record may be cut off
+            while place < n and 0 < (length := length_at(data, place)) <= n - place:
+                place += length
+        return n - place if length else 0
 
 
 def _take_gps(message: Any, columns: LogColumns) -> None:

@@ -299,13 +299,11 @@ def _crs_about(outlines: Outlines) -> CRS:
     middle = directions.mean(axis=0) / np.linalg.norm(directions.mean(axis=0))
     far_m = _EARTH_M * np.arccos(np.clip(directions @ middle, -1.0, 1.0))
     if far_m.max() > _REACH_M:
-        far, smallest = (
-            owner[far_m.argmax()],
-            np.argmin(np.where(outlines.is_area, shapely.area(shapes), np.inf)),
-        )
+        far = printable(outlines.names[owner[far_m.argmax()]])
+        smallest = np.argmin(np.where(outlines.is_area, shapely.area(shapes), np.inf))
         remedy = f"choose outlines near each other with --select (select=), such as --select {shlex.quote(outlines.keys[smallest])}"
         raise InputError(
-            f"{where} reaches {far_m.max() / 1e3:,.0f} km from its middle ({printable(outlines.names[far])}), and a UTM zone serves "
+            f"{where} reaches {far_m.max() / 1e3:,.0f} km from its middle ({far}), and a UTM zone serves "
             f"within {_REACH_M / 1e3:,.0f} km; {remedy if outlines.is_area.sum() > 1 else 'draw the ground to survey'}, or name a CRS (--crs, crs=)."
         )
     name = known_crs(outlines.features.crs, where).name

@@ -344,7 +344,7 @@ def _read(path: Path, columns: Mapping[str, str] | None, crs: Any) -> PointTable
         raise InputError(
             f"{path} is no table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
         )
-    return _with_usual_sigma(_CLOUDS[suffix](path, crs), path)
+    return _with_usual_sigma(read_ply(path) if suffix == ".ply" else _read_las(path, crs), path)
 
 
 def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
@@ -429,11 +429,7 @@ def _write_las(path: Path, table: PointTable) -> None:
     write_las(path, table)
 
 
-_CLOUDS: Mapping[str, Callable[[Path, Any], PointTable]] = {
-    ".las": _read_las,
-    ".laz": _read_las,
-    ".ply": lambda path, _: read_ply(path),
-}
+_CLOUDS = (".las", ".laz", ".ply")
 WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
     ".csv": write_csv,
     ".gpkg": write_vector,

@@ -26,14 +26,7 @@ from survey.io.raster.opening import (
     open_list_of_bands,
     refuse_damaged_blocks,
 )
-from survey.io.raster.values import (
-    band_scale,
-    crs_of_raster,
-    is_own,
-    refuse_picture,
-    refuse_unmarked,
-    valid_range,
-)
+from survey.io.raster.values import band_scale, crs_of_raster, refuse_picture, refuse_unmarked, valid_range
 
 NODATA = -9999.0
 CRC_TAG = "FIRNLINE_CRC32"
@@ -93,7 +86,7 @@ def read_raster(
         if band == 1:
             log_scale(source, file, units)
         stored_as = str(source.dtypes[in_source - 1])
-        n_bands = 0 if is_own(source) else int(source.count)
+        n_bands = 0 if crcs else int(source.count)
         stated = datum or (vertical_datum_of(system.crs) if crs else UNSTATED)
     if is_summed:
         refuse_altered(file, crcs[band - 1], checksum_parts(values, transform, datum), f"the tag {CRC_TAG}")

@@ -84,14 +84,9 @@ def _unit_of_band(source: Any, band: int) -> float | None:
     return of_crs or metres
 
 
-def is_own(source: Any) -> bool:
-    """Return whether firnline wrote an open raster."""
-    return any(tag.startswith(OWN_TAGS) for tag in source.tags())
-
-
 def _named_unit(source: Any, band: int, units: str | None) -> float:
     """Return the metres in the unit of a band that states none."""
-    if is_own(source):
+    if any(tag.startswith(OWN_TAGS) for tag in source.tags()):
         return 1.0
     if units is not None:
         return named_units(units)
@@ -218,33 +213,21 @@ def log_plateau(elevation: FloatArray, name: str) -> None:
 
     `elevation` (H, W): elevations [m], NaN where unknown.
     """
-    west, east = elevation[:, :-1], elevation[:, 1:]
-    even = west[west == east]
+    even = elevation[:, 1:][np.diff(elevation) == 0.0]
     if even.size < _PLATEAU_SHARE * elevation.size:
         return
     heights, counts = np.unique(even, return_counts=True)
-    height = heights[counts.argmax()]
-    share = float((elevation == height).sum() / np.isfinite(elevation).sum())
-    jumps, others = [], []
-    for a, b in ((west, east), (elevation[:-1], elevation[1:])):
-        step, n_at = np.abs(a - b), (a == height).astype(np.int8) + (b == height)
-        jumps.append(step[(n_at == 1) & np.isfinite(step)])
-        others.append(step[(n_at == 0) & np.isfinite(step)])
-    jump, other = np.concatenate(jumps), np.concatenate(others)
-    if (
-        share >= _PLATEAU_SHARE
-        and jump.size
-        and np.median(jump) > _CLIFFS * (other.mean() if other.size else 0.0)
-    ):
-        logger.warning(
-            "%s holds exactly %g m in %.0f%% of its cells, and heights jump by %.3g m at their edge: if the number stands for unknown cells, "
-            "make it nodata (gdal_edit.py -a_nodata %g).",
-            name,
-            height,
-            100.0 * share,
-            np.median(jump),
-            height,
-        )
+    is_even = elevation == (height := heights[counts.argmax()])
+    steps, is_edge = (
+        np.concatenate([np.abs(np.diff(grid, axis=k)).ravel() for k in (0, 1)])
+        for grid in (elevation, is_even)
+    )
+    jumps, others = (steps[(steps > 0.0) & at] for at in (is_edge, ~is_edge))
+    least_m = _CLIFFS * others.sum() / max(others.size, 1)
+    if is_even.mean() >= _PLATEAU_SHARE and jumps.size and np.median(jumps) > least_m:
+        found = f"{name} holds exactly {height:g} m in {is_even.mean():.0%} of its cells, and heights jump by {np.median(jumps):.3g} m at their edge"
+        remedy = f"make it nodata (gdal_edit.py -a_nodata {height:g})"
+        logger.warning("%s: if the number stands for unknown cells, %s.", found, remedy)
 
 
 def refuse_impossible(elevation: FloatArray, name: str) -> None:
