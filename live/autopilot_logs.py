@@ -216,25 +216,21 @@ def _read_mavlink(file: Path) -> LogColumns:
     finally:
         log.close()
 
-    def of_dataflash(data: mmap.mmap, place: int) -> int:
+    def length_at(data: mmap.mmap, place: int) -> int:
+        if (
+            not formats
+        ):  # telemetry: 8 bytes of time, and a frame of MAVLink 1 or of MAVLink 2, which may be signed
+            n, is_signed = data[place + 9], data[place + 10] & 1
+            return {0xFE: 16 + n, 0xFD: 20 + n + 13 * is_signed}.get(data[place + 8], 0)
         is_record = data[place] == 0xA3 and data[place + 1] == 0x95 and data[place + 2] in formats
         return int(formats[data[place + 2]].len) if is_record else 0
 
-    columns.n_cut = _n_cut(file, 0, of_dataflash if formats else _telemetry_bytes)
+    columns.n_cut = _n_cut(file, 0, length_at)
     return columns
 
 
-def _telemetry_bytes(data: mmap.mmap, place: int) -> int:
-    """Return the length of a record of telemetry: 8 bytes of time and a frame of MAVLink 1 or 2, which may be signed."""
-    kind, n = data[place + 8], data[place + 9]
-    return {0xFE: 16 + n, 0xFD: 20 + n + 13 * (data[place + 10] & 1)}.get(kind, 0)
-
-
 def _n_cut(file: Path, first: int, length_at: Callable[[mmap.mmap, int], int]) -> int:
-    """Return how many bytes at the end of a log are no whole record; 0 where its records do not follow one another.
-
-    `first`: where the records begin. `length_at`: bytes of the record at a place; 0 where none is.
-    """
+    """Return how many bytes at the end of a log are no whole record; 0 where its records do not follow one another."""
     with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         n, place, length = len(data), first, 1
         with suppress(IndexError, struct.error):  # the head of a record may be cut off

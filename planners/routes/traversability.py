@@ -266,9 +266,7 @@ _TOLERANCE_M = 0.01
 
 
 def on_free_ground(route: Route, free: Polygon | MultiPolygon) -> Route:
-    """Return a planned route; refuse one that leaves the area or enters a no-go zone by more than a centimetre.
-
-    `free`: the area less its no-go zones [m].
+    """Return a planned route; refuse one that leaves the area less its no-go zones by more than a centimetre.
 
     >>> from survey import Leg
     >>> route = Route((Leg("swath", [[5.0, 5.0], [5.0, 35.0]]),), "EPSG:32608", "line")

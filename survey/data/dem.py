@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import DataArray
 
-logger = logging.getLogger(__name__)
-
 _METRES_PER_DEGREE = 111_000.0
 
 
@@ -171,7 +169,7 @@ class Dem(DataObject):
             refuse_detached(raster.values, _step_m(raster), str(path))
             log_plateau(raster.values, str(path))
             if raster.n_bands > 1 and band == 1:
-                logger.warning("%s has %d bands; band 1 is read as the heights.", path, raster.n_bands)
+                logging.getLogger(__name__).warning("%s has %d bands; band 1 is read.", path, raster.n_bands)
             refuse_impossible(raster.values, str(path))
         raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:

@@ -107,10 +107,7 @@ _ELLIPSOIDS = range(5001, 5034)
 
 
 def crs_of_header(header: Any, file: Path, named: Any = None) -> Any:
-    """Return the CRS that a header states, None for none; what keys describe without a code gives way to a CRS that is named.
-
-    `named`: the CRS of files that state none; without it keys without a code are refused.
-    """
+    """Return the CRS that a header states, None for none; keys without a code give way to `named`, or are refused."""
     crs = header.parse_crs()
     if _geo_keys(header).get(_SYSTEM) != _OWN_CODE or not (crs is None or crs.is_geographic):
         return crs

@@ -16,8 +16,6 @@ import numpy.typing as npt
 from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file, printable, refusing_damage
 from survey.io.ply import read_vertices
 
-logger = logging.getLogger(__name__)
-
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
 _STRIP = ("point_source_id", "PointSourceId", "strip")
 _CRS_KEY = b"crs"
@@ -128,7 +126,7 @@ def _axes(names: Any, file: Path, *, logs: bool = False) -> tuple[str, str, str]
         )
     unused = [name for name in map(str, names) if name not in (*found, *_STRIP)]
     if logs and unused:
-        logger.warning("the point file %s: not used: %s.", file, printable(", ".join(unused)))
+        logging.getLogger(__name__).warning("%s: not used: %s", file, printable(", ".join(unused)))
     return found
 
 
@@ -186,10 +184,7 @@ def chunked_files(sources: list[Path]) -> list[Path]:
 
 
 def point_file_facts(path: str | Path, crs: Any = None) -> PointFileFacts:
-    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header.
-
-    `crs`: CRS of files that state none.
-    """
+    """Return number, bounds and CRS (`crs` where none is stated) of the points of a file, mostly by its header."""
     file = existing_file(path, "the point file")
     if file.suffix.lower() == ".ply":
         facts = PointFileFacts(*ply_facts(file))

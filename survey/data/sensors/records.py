@@ -15,8 +15,6 @@ from survey.core import BoolArray, DataObject, FloatArray, InputError, checked, 
 from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.io.tables import read_table, write_table
 
-logger = logging.getLogger(__name__)
-
 UPPER = np.triu_indices(3)
 
 
@@ -123,7 +121,7 @@ class SensorRecords(DataObject):
         names |= {field.name: (field.name,) for field in fields(cls) if field.name in table}
         unused = sorted(set(table) - {column for group in names.values() for column in group})
         if unused:
-            logger.warning("%s: columns that are not used: %s", path, printable(", ".join(unused)))
+            logging.getLogger(__name__).warning("%s: not used: %s", path, printable(", ".join(unused)))
         return cls(
             **{field: join_columns([table[column] for column in group]) for field, group in names.items()}
         )

@@ -15,8 +15,6 @@ from survey.core import FloatArray, InputError
 from survey.core.lengths import length_name, metres_in, named_units, same_length
 from survey.core.transformation import WGS84, MetricCrs, metric_crs
 
-logger = logging.getLogger(__name__)
-
 _PICTURES = frozenset(
     [
         "palette", "red", "green", "blue", "alpha", "hue", "saturation", "lightness", "cyan", "magenta",
@@ -227,7 +225,7 @@ def log_plateau(elevation: FloatArray, name: str) -> None:
     if is_even.mean() >= _PLATEAU_SHARE and jumps.size and np.median(jumps) > least_m:
         found = f"{name} holds exactly {height:g} m in {is_even.mean():.0%} of its cells, and heights jump by {np.median(jumps):.3g} m at their edge"
         remedy = f"make it nodata (gdal_edit.py -a_nodata {height:g})"
-        logger.warning("%s: if the number stands for unknown cells, %s.", found, remedy)
+        logging.getLogger(__name__).warning("%s: if the number stands for unknown cells, %s.", found, remedy)
 
 
 def refuse_impossible(elevation: FloatArray, name: str) -> None:
