@@ -174,9 +174,4 @@ def _path(file: Path, crs: CRS | str | None) -> survey.Trajectory:
 
 def _bounds(points: survey.SurfacePoints) -> tuple[float, float, float, float]:
     (xmin, ymin), (xmax, ymax) = points.xy.min(axis=0), points.xy.max(axis=0)
-    if xmin == xmax or ymin == ymax:
-        raise InputError(
-            f"all {len(points.xy)} points lie at one easting or northing, from ({xmin:.1f}, {ymin:.1f}) to ({xmax:.1f}, {ymax:.1f}), which "
-            "bounds no ground; name the ground to map with --area."
-        )
     return float(xmin), float(ymin), float(xmax), float(ymax)
