@@ -46,13 +46,13 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "navd88_height", "navd88_elevation", "navd88_elev", "navd88",
     ),
     "sigma_z": (
-        "sigma_z_m", "sigma_z", "sigma_u", "sigma_up", "sigma_v", "sdv", "sdv_m", "sdz", "sdz_m", "sdu",
+        "sigma_z_m", "sigma_z", "sigma", "sigma_m", "sigma_u", "sigma_up", "sigma_v", "sdv", "sdv_m", "sdz", "sdz_m", "sdu",
         "sdu_m", "sd_v", "sd_z", "sd_u", "sd_up", "std_z", "std_u", "std_up", "std_v", "stdz", "vrms",
         "v_rms", "rms_v", "elevation_rms", "vertical_rms", "vertical_rms_m", "vertical_sd", "vertical_std",
         "vertical_precision", "vertical_precision_m", "vert_precision", "vert_prec", "vprec", "v_prec",
         "vertical_accuracy_m", "vertical_accuracy", "v_sd", "sd_height", "sd_elevation", "cq_1d",
         "cq_height", "cq_höhe", "v_prec_obs", "précision_z", "precision_z", "vacc", "v_acc",
-        "verticalaccuracy", "v_accuracy", "z_accuracy", "accuracy_z", "sigma", "σ",
+        "verticalaccuracy", "v_accuracy", "z_accuracy", "accuracy_z", "σ",
     ),
     "sigma_xy": (
         "sigma_xy_m", "sigma_xy", "sdh", "sdh_m", "sd_h", "hrms", "h_rms", "rms_h", "horizontal_rms",

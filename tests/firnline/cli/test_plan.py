@@ -1,6 +1,7 @@
 """``firnline plan`` on areas: routes, pictures, limits, and what it refuses in one sentence."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,8 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
 def test_a_predicted_error_says_what_it_excludes():
     out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25")
     assert "predicted RMSE" in out
-    assert "RMSE excludes      relief finer than the prior's cells and errors of the rover's position" in out
+    assert re.search(r"predicted RMSE +\d\.\d\d m \(\d\.\d\d to \d\.\d\d m with 80 %\)", out)
+    assert "RMSE excludes      errors of position that grow along the path" in out
     assert "RMSE excludes" not in planned("site.gpkg", "--spacing", "25", "--force")[0]
 
 
@@ -73,11 +75,11 @@ def test_limits_rovers_and_settings_reach_the_plan():
 
 
 def test_a_prior_too_coarse_to_predict_from_still_plans():
-    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 100.0, CRS)
+    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 400.0, CRS)
     Dem.on(grid, np.add.outer(grid.x, grid.y) * 1e-4).write("coarse.tif")
     SurveyArea(SITE.buffer(-40.0), CRS).write("small.gpkg")
     out, err = planned("small.gpkg", "--prior", "coarse.tif", "--swaths", "3")
-    assert "no error is predicted: 1 known cells" in err
+    assert "no error is predicted: the prior has 4 known cells" in err
     assert "rmse_m" not in out
 
 

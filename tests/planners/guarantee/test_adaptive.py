@@ -10,13 +10,13 @@ from planners.guarantee.adaptive import (
     next_swath,
     survey_adaptively,
 )
-from planners.guarantee.kernel_posterior import (
+from planners.guarantee.survey_lines import SurveyLines
+from planners.prediction.kernel_posterior import (
     KernelPosterior,
     PriorBlocks,
     WeightedKernel,
     posterior_from_prior,
 )
-from planners.guarantee.survey_lines import SurveyLines
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from survey import InputError
+from survey import InputError, SurfacePoints
 from survey.io import plain_columns
 from survey.io.point_files import read_named_points, read_point_table
 from survey.io.tables import read_table
@@ -115,3 +115,11 @@ def test_a_column_of_sigma_without_a_direction_is_that_of_heights(name, tmp_path
     assert read_point_table(tmp_path / "a.csv").columns["sigma_z_m"].tolist() == [0.25, 0.5]
     (tmp_path / "a.csv").write_text(f"x,y,z,{name},sdv\n1,2,3,0.25,1\n4,5,6,0.5,2\n")
     assert read_point_table(tmp_path / "a.csv").columns["sigma_z_m"].tolist() == [1.0, 2.0]
+
+
+def test_points_of_equal_scrambled_bits_are_compared(tmp_path) -> None:
+    rows = [[0.0, 1.0, 2.0], [-0.0, 1.0, 2.0], [0.0, 1.0, 3.0], [0.0, 1.0, 2.0]]
+    text = "x,y,z\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
+    (tmp_path / "a.csv").write_text(text)
+    found = SurfacePoints.read(tmp_path / "a.csv", crs="EPSG:32608", sigma_m=0.1)
+    np.testing.assert_array_equal(found.xyz, [[0.0, 1.0, 2.0], [0.0, 1.0, 3.0]])
