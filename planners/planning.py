@@ -137,7 +137,7 @@ def planned_on(
     task = LayoutTask(site.within(area), crew_in_grid_metres(crew, factor), model, progress)
     # Matrices of some hundred rows: spinning threads would only slow them down.
     with nullcontext() if model is None else threadpool_limits(1):
-        route = on_free_ground(planner.layout(in_grid_metres(config, factor), task), area)
+        route = on_free_ground(planner.layout(in_grid_metres(config, factor), task), area.free)
         facts = _effort(route, crew, task.crew) | {"left_out_share": site.left_out_share(area)}
         if model is not None and planner.steering is None:
             facts |= _error_facts(model, route)

@@ -4,8 +4,10 @@ The options are checked against one another before any work. A plan is a route w
 QGIS project, with the predicted standard deviation of the map.
 """
 
+import json
+import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -16,6 +18,7 @@ import survey
 from firnline.actions.interface import (
     Argument,
     Option,
+    Result,
     WrittenResult,
     chosen_area,
     own_crs,
@@ -368,16 +371,44 @@ class PlanResult(WrittenResult):
         The route; None where no more driving is needed.
     drawing : PlanDrawing
         What is drawn beside it.
+    remarks : tuple of str
+        What was said of the inputs, such as gaps between outlines that were closed.
     """
 
     request: PlanRequest
     route: "survey.Route | None"
     drawing: PlanDrawing
+    remarks: tuple[str, ...] = ()
+
+    def as_json(self) -> str:
+        """Return the facts and notes as JSON."""
+        return json.dumps(self.facts() | {"notes": [*self.notes, *self.remarks]}, indent=2)
 
     def _write_files(self) -> None:
         """Write the files of the plan; all replace what was there, or none does."""
         if self.route is not None:
-            write_plan(self.request, self.route, self.drawing)
+            assumptions = (*self.drawing.assumptions, *self.remarks)
+            write_plan(self.request, self.route, replace(self.drawing, assumptions=assumptions))
+
+
+def with_remarks(make: Callable[[], Result]) -> Result:
+    """Make a plan, and give it what the log warns of meanwhile."""
+    remarks: list[str] = []
+    root, handler = logging.getLogger(), logging.Handler(logging.WARNING)
+    shown = logging.lastResort if not root.handlers else None  # which prints where nobody handles records
+
+    def keep(record: logging.LogRecord) -> None:
+        remarks.append(record.getMessage())
+        if shown is not None:
+            shown.handle(record)
+
+    handler.emit = keep  # type: ignore[method-assign]
+    root.addHandler(handler)
+    try:
+        made = make()
+    finally:
+        root.removeHandler(handler)
+    return replace(made, remarks=tuple(remarks)) if isinstance(made, PlanResult) else made
 
 
 def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:

@@ -16,7 +16,7 @@ from firnline.actions.guaranteeing import (
     survey_options,
 )
 from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, previewed_by
-from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts, with_remarks
 from firnline.actions.season import plan_season
 from survey.core import ConfigError, InputError, area_text
 
@@ -230,7 +230,7 @@ def plan(request: PlanRequest, progress: Progress = no_progress) -> Result:
     InputError
         Input that cannot be used, or an output that exists.
     """
-    return mode_of(request)(request, progress)
+    return with_remarks(lambda: mode_of(request)(request, progress))
 
 
 def check_mission_plan(request: PlanRequest) -> None:

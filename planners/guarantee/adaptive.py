@@ -205,7 +205,8 @@ class AdaptiveState:
         return np.vstack(planned)
 
     def drive(self, line: tuple[float, float], measure: MeasureHeights) -> None:
-        """Drive to a line and along it, and take samples all the way."""
+        """Drive to a line and along it, on free ground alone, and take samples all the way."""
+        area, n_before = self.lines.area, len(self.legs)
         for piece in self._pieces(line, self.here):
             before = len(self.legs)
             if self.legs and np.hypot(*(piece[0] - self.legs[-1].xy[-1])) > 0.0:
@@ -216,6 +217,8 @@ class AdaptiveState:
             self.samples = np.vstack([self.samples, xy])
             self.heights = np.append(self.heights, measure(xy))
         self.offsets.append(line[0])
+        if len(self.legs) > n_before:
+            on_free_ground(Route(tuple(self.legs[n_before:]), area.crs, "adaptive"), area.free)
 
     def _pieces(self, line: tuple[float, float], here: FloatArray | None) -> list[FloatArray]:
         """Return what is driven on a line, piece by piece from the end that is nearer."""
@@ -299,7 +302,7 @@ def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveC
                 f"{state.predicted.rmse_m:.2f} m, ask for a larger error."
             )
         state.drive(state.nearest(lines), _unmeasured)
-    return on_free_ground(Route(tuple(state.legs), area.crs, "adaptive"), area)
+    return Route(tuple(state.legs), area.crs, "adaptive")
 
 
 def next_swath(

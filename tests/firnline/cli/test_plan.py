@@ -52,6 +52,16 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
     assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
+def test_gaps_that_were_closed_stand_in_the_record_of_the_plan(caplog: pytest.LogCaptureFixture):
+    west, east = (shapely.affinity.translate(shapely.box(0, 0, 99.99, 200), x, 0) for x in (0.0, 100.0))
+    both = shapely.affinity.translate(shapely.MultiPolygon([west, east]), *SITE.bounds[:2])
+    out, _ = planned(drawn(both), "--spacing", "25", "--json")
+    (note,) = json.loads(out)["notes"]
+    assert "the gaps of 2 m² between them are closed" in note
+    assert note in caplog.text
+    assert json.loads(planned("site.gpkg", "--spacing", "25", "--json", "--force")[0])["notes"] == []
+
+
 def test_a_predicted_error_says_what_it_excludes():
     out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25")
     assert "predicted RMSE" in out
