@@ -48,8 +48,8 @@ from survey.io.point_table import (
     table_in_metres,
 )
 from survey.io.raster.values import HIGHEST_M, LARGEST, LOWEST_M, MARKS, MARKS_IN_METRES
-from survey.io.tables import is_number, plain_columns, read_table, write_table
-from survey.io.text_tables import LARGEST_BYTES, NumberTable, TextTable, read_text_table, refuse_hemispheres
+from survey.io.tables import is_number, read_table, write_table
+from survey.io.text_tables import LARGEST_BYTES, TextTable, read_text_table, refuse_hemispheres
 from survey.io.vector import read_features, write_features
 
 _WHAT = "the point file"
@@ -98,7 +98,7 @@ def _is_plain(file: Path) -> bool:
     """Return whether a table has firnline's own columns, or commas, numbers alone and no standard deviation."""
     content = file.read_bytes() if file.stat().st_size <= LARGEST_BYTES else b""
     # Single bytes are found many times faster than the pattern, which most tables do not hold.
-    if any(mark in content for mark in (b"'", b"\xe2\x80\x99", b'"')) and _SEPARATED.search(content):
+    if any(mark in content for mark in (b"'", b"\xe2", b'"')) and _SEPARATED.search(content):
         return False
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         header, first = stream.readline(), stream.readline()
@@ -113,10 +113,7 @@ def _is_plain(file: Path) -> bool:
 
 def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = ()) -> PointTable:
     """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
-    width = last_position(given)
-    plain = None if width or unnamed else plain_columns(file)
-    where = f"{_WHAT} {file}"
-    text = read_text_table(file, _WHAT, unnamed, width) if plain is None else NumberTable(plain, where)
+    text = read_text_table(file, _WHAT, unnamed, width=last_position(given))
     given = {own: name for own, name in at_positions(given, text.header).items() if own != _NAME}
     known = dict(zip(text.header, rename_header(text.header, given, text.where), strict=True))
     sigma = one_column("sigma_z", list(known.values()), text.where)
@@ -135,9 +132,7 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     return table
 
 
-def _refuse_places_of_text(
-    text: TextTable | NumberTable, known: Mapping[str, str], numbers: set[str]
-) -> None:
+def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: set[str]) -> None:
     """Refuse coordinates that begin with a text by their line: a unit, or thousands with separators."""
     try:
         place_columns(list(numbers), text.where)

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 
 from survey.core import CapacityError, FloatArray, InputError, existing_file, first_line, printable, replacing
+from survey.io import plain_columns
 
 LARGEST_ROWS = 30_000_000
 """Longest table that is read: 1 GB for four columns."""
-_ROWS_AT_ONCE = 50_000
+_ROWS_AT_ONCE, _BYTES_AT_ONCE = 50_000, 2**25
 _LONGEST_CELL = 40
-# Tables of these sizes may take the short way; what they may hold beside the separator.
-_LEAST_BYTES, _MOST_BYTES = 100_000, 200_000_000
-_PLAIN = b"0123456789+-.eE\r\n"
 
 
 def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:
@@ -38,16 +36,12 @@ def read_table(
     """Read every column of a CSV table of numbers, but for those named in `texts`."""
     file = existing_file(path, what)
     where = f"{what} {file}"
-    plain = None if texts else plain_columns(file)
-    if plain is not None:
-        _header(list(plain), required, where)
-        return plain
     try:
         with file.open(encoding="utf-8-sig", newline="") as stream:
             rows = csv.reader(stream, strict=True)
             header = _header(next(rows, []), required, where)
             kept = [index for index, name in enumerate(header) if name not in texts]
-            parts = list(_parts(rows, header, kept, where))
+            parts = _plain_parts(file, len(header), kept) or list(_parts(rows, header, kept, where))
         _refuse_cut_off(file, len(header), where)
     except (UnicodeError, csv.Error, OSError) as error:
         raise InputError(
@@ -57,50 +51,6 @@ def read_table(
         raise InputError(f"{where} has a header and no rows; it may be half-written, make it again.")
     numbers = np.concatenate(parts)
     return {header[index]: np.ascontiguousarray(numbers[:, k]) for k, index in enumerate(kept)}
-
-
-def plain_columns(file: Path) -> dict[str, FloatArray] | None:
-    """Return the columns of a large table of plain numbers; None for any other, which careful readers take.
-
-    Plain are a header without quotes, one separator, and below it digits, signs, points and exponents alone, as many values in
-    each row as names, with a line break at the end.
-    """
-    if not _LEAST_BYTES <= file.stat().st_size <= _MOST_BYTES:
-        return None
-    head, _, body = file.read_bytes().partition(b"\n")
-    names = _plain_names(head)
-    separator = next((mark for mark in (";", "\t", ",") if mark.encode() in head), None)
-    is_plain = separator is not None and not body.translate(None, _PLAIN + separator.encode())
-    if not names or separator is None or not is_plain or not body.endswith(b"\n"):
-        return None
-    if body.count(b"\r") not in (0, body.count(b"\r\n")):
-        return None
-    from pyarrow import ArrowInvalid, BufferReader, csv, float64
-
-    try:
-        table = csv.read_csv(
-            BufferReader(body),
-            csv.ReadOptions(use_threads=False, column_names=names),
-            csv.ParseOptions(delimiter=separator, quote_char=False),
-            csv.ConvertOptions(column_types=dict.fromkeys(names, float64()), null_values=[]),
-        )
-    except ArrowInvalid:
-        return None
-    if not 0 < table.num_rows <= LARGEST_ROWS:
-        return None
-    return {name: np.array(table.column(name)) for name in names}
-
-
-def _plain_names(head: bytes) -> list[str]:
-    """Return the names of a header; none where it is no plain one."""
-    try:
-        text = head.decode("utf-8-sig").rstrip("\r")
-    except UnicodeDecodeError:
-        return []
-    mark = next((mark for mark in (";", "\t", ",") if mark in text), None)
-    names = [name.strip() for name in text.split(mark)]
-    is_header = not text.startswith(("#", "%", "sep=")) and not any(map(is_number, names))
-    return names if is_header and all(names) and '"' not in text and len({*names}) == len(names) else []
 
 
 def _header(cells: list[str], required: Sequence[str], where: str) -> list[str]:
@@ -122,6 +72,22 @@ def refuse_repeated_columns(names: Sequence[str], where: str) -> None:
         raise InputError(
             f"{where} names the column {twice!r} {names.count(twice)} times; leave the one that is meant."
         )
+
+
+def _plain_parts(file: Path, n_columns: int, kept: Sequence[int]) -> list[FloatArray]:
+    """Return the numbers (n, k) of all rows of a large plain table; none where every cell has to be looked at."""
+    if file.stat().st_size < plain_columns.LEAST_BYTES or not kept:
+        return []
+    kinds: list[plain_columns.Kind] = ["number" if k in kept else "unused" for k in range(n_columns)]
+    parts: list[FloatArray] = []
+    with file.open("rb") as stream:
+        stream.readline()
+        while block := stream.read(_BYTES_AT_ONCE):
+            found = plain_columns.plain_columns(block + stream.readline(), ",", kinds)
+            if found is None or sum(map(len, parts)) > LARGEST_ROWS:
+                return []
+            parts.append(np.array([found[index] for index in kept]).T)
+    return parts
 
 
 def _parts(rows: Any, header: list[str], kept: list[int], where: str) -> Iterator[FloatArray]:
