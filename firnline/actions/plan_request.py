@@ -257,7 +257,6 @@ class PlanRequest(RunOptions):
 
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
-        from planners.routes.traversability import without_marked
         from survey.io.vector import require_transformation
 
         crs: Any = self.crs
@@ -272,6 +271,8 @@ class PlanRequest(RunOptions):
             else read_about(self.prior, area.bounds, area.crs, "the prior", units=self.units)
         )
         if self.no_go is not None:
+            from planners.routes.traversability import without_marked
+
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)
         return area, prior
