@@ -12,7 +12,7 @@ from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
 from survey.core import ConfigError, length_text
 
 if TYPE_CHECKING:
-    from planners.guarantee.requirement import Surface
+    from planners.prediction.assumptions import Surface
     from planners.season import SeasonConfig, SeasonDesign, SeasonOption
 
 

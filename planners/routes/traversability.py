@@ -265,18 +265,18 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
 _TOLERANCE_M = 0.01
 
 
-def on_free_ground(route: Route, area: SurveyArea) -> Route:
-    """Return a planned route; refuse one that leaves the area or enters a no-go zone by more than a centimetre.
+def on_free_ground(route: Route, free: Polygon | MultiPolygon) -> Route:
+    """Return a planned route; refuse one that leaves the area less its no-go zones by more than a centimetre.
 
     >>> from survey import Leg
-    >>> square = SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), "EPSG:32608")
-    >>> on_free_ground(Route((Leg("swath", [[5.0, 5.0], [5.0, 35.0]]),), square.crs, "line"), square).length_m
+    >>> route = Route((Leg("swath", [[5.0, 5.0], [5.0, 35.0]]),), "EPSG:32608", "line")
+    >>> on_free_ground(route, shapely.box(0.0, 0.0, 40.0, 40.0)).length_m
     30.0
     """
     line = route.line
-    if area.free.covers(line):
+    if free.covers(line):
         return route
-    beyond = line.difference(area.free.buffer(_TOLERANCE_M, join_style="mitre"))
+    beyond = line.difference(free.buffer(_TOLERANCE_M, join_style="mitre"))
     if beyond.is_empty:
         return route
     x, y = shapely.get_coordinates(beyond)[0]

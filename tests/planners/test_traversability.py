@@ -155,6 +155,6 @@ def test_a_route_that_leaves_the_free_ground_is_refused(line: list[list[float]])
     with pytest.raises(
         InputError, match=r"outside the area or in a no-go zone for (10|9\.99|20|19\.98)[.0-9]* m, first at"
     ):
-        on_free_ground(Route((Leg("swath", line),), area.crs, "line"), area)
+        on_free_ground(Route((Leg("swath", line),), area.crs, "line"), area.free)
     near = Route((Leg("swath", [[10.0, -0.001], [90.0, -0.001]]),), area.crs, "line")
-    assert on_free_ground(near, area) is near
+    assert on_free_ground(near, area.free) is near

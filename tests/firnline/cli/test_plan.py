@@ -1,6 +1,7 @@
 """``firnline plan`` on areas: routes, pictures, limits, and what it refuses in one sentence."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,10 +52,21 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
     assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
+def test_gaps_that_were_closed_stand_in_the_record_of_the_plan(caplog: pytest.LogCaptureFixture):
+    west, east = (shapely.affinity.translate(shapely.box(0, 0, 99.99, 200), x, 0) for x in (0.0, 100.0))
+    both = shapely.affinity.translate(shapely.MultiPolygon([west, east]), *SITE.bounds[:2])
+    out, _ = planned(drawn(both), "--spacing", "25", "--json")
+    (note,) = json.loads(out)["notes"]
+    assert "the gaps of 2 m² between them are closed" in note
+    assert note in caplog.text
+    assert json.loads(planned("site.gpkg", "--spacing", "25", "--json", "--force")[0])["notes"] == []
+
+
 def test_a_predicted_error_says_what_it_excludes():
     out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25")
     assert "predicted RMSE" in out
-    assert "RMSE excludes      relief finer than the prior's cells and errors of the rover's position" in out
+    assert re.search(r"predicted RMSE +\d\.\d\d m \(\d\.\d\d to \d\.\d\d m with 80 %\)", out)
+    assert "RMSE excludes      errors of position that grow along the path" in out
     assert "RMSE excludes" not in planned("site.gpkg", "--spacing", "25", "--force")[0]
 
 
@@ -73,11 +85,11 @@ def test_limits_rovers_and_settings_reach_the_plan():
 
 
 def test_a_prior_too_coarse_to_predict_from_still_plans():
-    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 100.0, CRS)
+    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 400.0, CRS)
     Dem.on(grid, np.add.outer(grid.x, grid.y) * 1e-4).write("coarse.tif")
     SurveyArea(SITE.buffer(-40.0), CRS).write("small.gpkg")
     out, err = planned("small.gpkg", "--prior", "coarse.tif", "--swaths", "3")
-    assert "no error is predicted: 1 known cells" in err
+    assert "no error is predicted: the prior has 4 known cells" in err
     assert "rmse_m" not in out
 
 
