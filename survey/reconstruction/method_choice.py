@@ -51,9 +51,10 @@ class MethodChoice:
 
     def recorded(self, result: Reconstruction, points: SurfacePoints) -> Reconstruction:
         """Return a map with the choice in its record; nodes beyond triangles take the height of the nearest point."""
-        facts = {CHOICE: asdict(self)}
+        facts = {**result.diagnostics, CHOICE: asdict(self)}
         if self.method != "tin":
-            return replace(result, diagnostics={**result.diagnostics, **facts})
+            return replace(result, diagnostics=facts)
+        facts.pop("standard_deviation")
         data, grid = Observations.of(points, result.quantity), result.mean.grid()
         distance, nearest = map(np.asarray, cKDTree(data.xy).query(grid.xy))
         height, std = result.mean.elevation.ravel(), result.std.elevation.ravel()
