@@ -28,7 +28,7 @@ from survey import Dem, SurfacePoints
 from survey.core.arrays import FloatArray
 from survey.reconstruction import reconstruct
 
-_MOST_WINDOWS = 6
+_MOST_WINDOWS = 4
 _PRIORS = ("exact means", "product")
 _MULTIPLES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5, 1.8, 2.2])
 _N_BINS, _LEAST_IN_BIN = 10, 20

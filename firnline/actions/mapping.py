@@ -24,7 +24,7 @@ from survey.core import read_json, replacing_folder
 from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
 from survey.reconstruction.mapping import cut_to_area, map_landmarks, map_scans
 from survey.reconstruction.motion.refinement import on_ice
-from survey.reconstruction.terrain_map import ELEVATION
+from survey.reconstruction.terrain_map import ELEVATION, METHOD_CHOICE
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
@@ -199,13 +199,17 @@ def _findings(result: survey.Reconstruction) -> list[str]:
     from survey.scoring.standards.map_classes import own_claim
 
     sentences = own_claim(result)
-    if result.method == "tin":
-        sentences = [
-            *sentences,
-            "σ is that of the points alone, without the relief between them; no class is stated.",
-        ]
-    lines = [fact_line("map", sentence) for sentence in sentences]
     found = result.diagnostics
+    if result.method == "tin":
+        alone = (
+            ""
+            if METHOD_CHOICE in found
+            else "σ is that of the points alone, without the relief between them; "
+        )
+        sentences = [*sentences, f"{alone}no class is stated."]
+    lines = [fact_line("map", sentence) for sentence in sentences]
+    if METHOD_CHOICE in found:
+        lines.append(fact_line("method", found[METHOD_CHOICE]["sentence"]))
     share, n_low, offset_m = (
         found.get(name) for name in ("prior_covered_share", "n_low_returns", "satellite_offset_m")
     )
@@ -225,18 +229,25 @@ def _findings(result: survey.Reconstruction) -> list[str]:
 def _map_points(request: MapRequest, progress: Progress) -> MapResult:
     """Map the points of a file, or of several drives, over the area, or over their bounding box."""
     drives, grid, area, paths, prior, blunders, notes = read_points(request)
+    points, quantity, choice = drives.points, request.options.value or ELEVATION, None
+    if request.leaves_method_open and drives.path is None and points.covariance is None:
+        from survey.reconstruction.method_choice import compare_methods  # loads the engines
+
+        choice = compare_methods(points, grid, area, quantity)
+        request = request if choice is None else request.by(choice.method)
     mapped = map_landmarks(
-        drives.points,
+        points,
         grid,
         request.config,
         prior=prior,
         path=drives.path,
-        quantity=request.options.value or ELEVATION,
+        quantity=quantity,
         progress=progress,
         area=area,
         blunders=blunders,
     )
     result, motion = mapped.reconstruction, None
+    result = result if choice is None else choice.recorded(result, points)
     if notes:
         result = replace(result, diagnostics={**result.diagnostics, "notes": list(notes)})
     if request.motion_file is not None and mapped.solution is not None:

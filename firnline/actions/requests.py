@@ -157,7 +157,10 @@ class ReconstructRequest(RunOptions):
     below: Below = None
     method: Annotated[
         str | None,
-        Option("--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"),
+        Option(
+            "--method",
+            help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp or tin]",
+        ),
     ] = None
     value: Annotated[
         str | None, Option("--value", help="Map this sampled quantity instead of elevation.")
