@@ -14,7 +14,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Lengths, Select
+from firnline.actions.requests import Lengths, NoPictures, Select
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
@@ -93,6 +93,7 @@ class ChangeRequest:
     report: Annotated[
         Path | None, Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a change that is there.")] = False
 
     @property
@@ -152,12 +153,14 @@ class ChangeResult(WrittenResult):
     def _write_files(self) -> None:
         """Write the folder of the change, and the report if one is asked for."""
         from survey.core import replacing_folder
-        from survey.figures import change_map, png_bytes
         from survey.scoring.differencing.volume_change import write_change
 
         with replacing_folder(self.request.out, own=OUTPUTS) as draft:
             write_change(draft, self.change, *self._density)
-            (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
+            if not self.request.no_pictures:
+                from survey.figures import change_map, png_bytes
+
+                (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
         if self.request.report is not None:
             self._write_report(self.request.report)
 

@@ -78,9 +78,11 @@ class MapResult(WrittenResult):
                 path.write(draft / f"corrected_trajectory{number}.csv")
             if self.motion is not None:
                 write_motion(self.motion, draft / ICE_MOTION)
-            _draw(self.reconstruction, draft)
-            if self.request.config.rays:
-                _mark(self.reconstruction, draft, self.request.options.max_slope_deg)
+            options = self.request.options
+            if not options.no_pictures:
+                _draw(self.reconstruction, draft, with_width=self.request.config.rays)
+            if options.max_slope_deg is not None:
+                _mark(self.reconstruction, draft, options.max_slope_deg)
 
     def lines(self) -> list[str]:
         """Return size, area, hyperparameters and findings of the map."""
@@ -160,9 +162,9 @@ def _checked(request: ReconstructRequest) -> MapRequest:
     return checked
 
 
-def _draw(result: survey.Reconstruction, out: Path) -> None:
-    """Write pictures of mean, standard deviation and support; large maps have none, and a log entry says so."""
-    from survey.figures import deviation_map, png_bytes, support_map, survey_map
+def _draw(result: survey.Reconstruction, out: Path, *, with_width: bool) -> None:
+    """Write pictures of mean, standard deviation, support and width; large maps have none, and a log entry says so."""
+    from survey.figures import deviation_map, png_bytes, support_map, survey_map, width_map
 
     if result.quantity != ELEVATION:
         return
@@ -178,19 +180,17 @@ def _draw(result: survey.Reconstruction, out: Path) -> None:
         "sigma": deviation_map(result),
         "support": support_map(result),
     }
+    if with_width and result.lower is not None and result.upper is not None:
+        figures["width"] = width_map(result)
     for name, figure in figures.items():
         (out / f"{name}.png").write_bytes(png_bytes(figure))
 
 
-def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
-    """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
-    from survey.figures import png_bytes, width_map
+def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float) -> None:
+    """Write the ground that is certainly too steep by the bounds."""
     from survey.reconstruction.hazards import steep_ground
 
-    if result.lower is None or result.upper is None:
-        return
-    (out / "width.png").write_bytes(png_bytes(width_map(result)))
-    if max_slope_deg is not None:
+    if result.lower is not None and result.upper is not None:
         steep_ground(result, max_slope_deg).write(out / "no_go.tif")
 
 

@@ -25,7 +25,7 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, RunOptions, Select
+from firnline.actions.requests import Above, Below, Lengths, NoPictures, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
@@ -175,6 +175,7 @@ class PlanRequest(RunOptions):
             help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
         ),
     ] = Path("route.geojson")
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace the route and its picture where they exist.")] = (
         False
     )
@@ -184,7 +185,10 @@ class PlanRequest(RunOptions):
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:
             files = {"route": self.out, "picture": self.out.with_suffix(".png")}
-            return files if self.season is None else files | self._season_files
+            files = files if self.season is None else files | self._season_files
+            return {
+                name: file for name, file in files.items() if not (self.no_pictures and file.suffix == ".png")
+            }
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
         if self.out.suffix.lower() == ".qgz":
             area, terrain = (
@@ -201,6 +205,13 @@ class PlanRequest(RunOptions):
             name: self.out.with_name(f"{self.out.stem}_season{suffix}")
             for name, suffix in (("table", ".csv"), ("errors", ".png"))
         }
+
+    def remove_old_pictures(self) -> None:
+        """Remove the pictures of a plan that was replaced, where none are drawn of the new one."""
+        if self.no_pictures and self.force:
+            for file in replace(self, no_pictures=False).files.values():
+                if file.suffix == ".png":
+                    file.unlink(missing_ok=True)
 
     @property
     def written(self) -> dict[str, str]:
@@ -251,6 +262,10 @@ class PlanRequest(RunOptions):
             raise InputError(
                 f"the plan {self.out} ends in {self.out.suffix!r}; one of {', '.join(_FORMATS)} was expected "
                 "(firnline export writes other formats from it)."
+            )
+        if self.no_pictures and self.out.suffix.lower() == ".pdf":
+            raise InputError(
+                f"the sheets {self.out} are pictures; leave --no-pictures out, or write a route (.geojson)."
             )
         inputs = (self.source, self.prior, self.no_go, self.driven, self.measured)
         refuse_existing(self.files.values(), force=self.force, inputs=inputs)
@@ -390,6 +405,7 @@ class PlanResult(WrittenResult):
         if self.route is not None:
             assumptions = (*self.drawing.assumptions, *self.remarks)
             write_plan(self.request, self.route, replace(self.drawing, assumptions=assumptions))
+            self.request.remove_old_pictures()
 
 
 def with_remarks(make: Callable[[], Result]) -> Result:
@@ -457,6 +473,11 @@ def _error_text(prediction: Mapping[str, float], rmse_m: float) -> str:
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
 
     from survey.core import replacing_files
+
+    if request.no_pictures:
+        with replacing_files(request.out) as (route_file,):
+            route.write(route_file)
+        return
     from survey.figures import plan_map, png_bytes
 
     pieces = [piece.polygon for piece in drawing.left_out]

@@ -189,6 +189,7 @@ _OF_AN_AREA = (
     "measured",
     "assume",
     "force",
+    "no_pictures",
     "season",
     "dates",
     "select",
