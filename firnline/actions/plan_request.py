@@ -25,7 +25,7 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, NoPictures, RunOptions, Select
+from firnline.actions.requests import Above, Below, Lengths, NoPictures, Product, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from survey.figures.plans import PlanContent, RoverEffort
     from survey.reporting.qgis import QgisGroup
 
+
+logger = logging.getLogger(__name__)
 
 _ROUTES = (".geojson", ".gpkg")
 _FORMATS = (*_ROUTES, ".pdf", ".qgz")
@@ -81,6 +83,7 @@ class PlanRequest(RunOptions):
         float | None,
         Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None
+    product: Product = None
     no_go: Annotated[
         Path | None, Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it.")
     ] = None
@@ -290,6 +293,10 @@ class PlanRequest(RunOptions):
 
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)
+        if prior is not None and self.product is not None and self.max_slope is not None:
+            from planners.routes.traversability import slope_text
+
+            logger.warning("%s", slope_text(prior, area, self.max_slope, self.product))
         return area, prior
 
 

@@ -59,6 +59,14 @@ Lengths = Annotated[
         help="Unit of heights in files that state none; feet are converted to metres, and results are printed in both.",
     ),
 ]
+Product = Annotated[
+    str | None,
+    Option(
+        "--product",
+        help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
+        "unknown, or unbiased for exact level and independent errors.",
+    ),
+]
 Layout = Annotated[
     str | None,
     Option(
@@ -137,14 +145,7 @@ class ReconstructRequest(RunOptions):
         ),
     ]
     prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster to build around.")] = None
-    product: Annotated[
-        str | None,
-        Option(
-            "--product",
-            help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
-            "unknown, or unbiased for exact level and independent errors.  [default: unknown]",
-        ),
-    ] = None
+    product: Product = None
     step_m: Annotated[
         float | None,
         Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
