@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import pyarrow.csv
 from benchmarks.planning import random_area
 from benchmarks.report import Row, fastest, main
 from survey import Dem, Grid, SurveyArea
+from survey.core import FloatArray
 from survey.io.point_files import read_point_table
 
 ROOT = Path(__file__).parents[1]
@@ -58,7 +60,9 @@ def measure(quick: bool) -> Iterator[Row]:
         plain_s, _ = _second_run("plan site.geojson --spacing 20 -o plain.geojson --force", folder)
         zones_s, _ = _second_run("plan zones.geojson --spacing 20 -o around.geojson --force", folder)
         yield Row("plan of 1 km² without zones: CPU time", plain_s, "s")
-        yield Row.of("plan of 1 km² with 50 zones: CPU time over that without", zones_s - plain_s, "s", "<=", 0.6)
+        yield Row.of(
+            "plan of 1 km² with 50 zones: CPU time over that without", zones_s - plain_s, "s", "<=", 0.6
+        )
         yield from _tables(folder, 100_000 if quick else 1_000_000)
 
 
@@ -80,13 +84,14 @@ def _write_inputs(folder: Path) -> None:
     _write_points(folder / "checkpoints.csv", rng.uniform(20.0, SIDE_M - 20.0, (60, 2)), rng)
 
 
-def _height(xy: np.ndarray) -> np.ndarray:
+def _height(xy: FloatArray) -> FloatArray:
     """Return the height of the surface at places (N, 2) [m]."""
     x, y = xy.T
-    return 900.0 + 10.0 * np.sin(x / 60.0) + 8.0 * np.cos(y / 50.0)
+    height: FloatArray = 900.0 + 10.0 * np.sin(x / 60.0) + 8.0 * np.cos(y / 50.0)
+    return height
 
 
-def _write_points(file: Path, xy: np.ndarray, rng: np.random.Generator) -> None:
+def _write_points(file: Path, xy: FloatArray, rng: np.random.Generator) -> None:
     """Write measured points with their standard deviation."""
     z = _height(xy) + rng.normal(0.0, 0.05, len(xy))
     rows = (f"{x:.3f},{y:.3f},{height:.3f},0.05\n" for (x, y), height in zip(xy, z, strict=True))
@@ -121,8 +126,10 @@ def _run(command: str, folder: Path) -> tuple[float, float]:
         )
         _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != (_REFUSED if "none." in command else 0) and process.returncode != _NOT_MET:
-        raise SystemExit(f"{command} ended with {process.returncode}: {(folder / 'said.txt').read_text(encoding='utf-8')}")
+    if process.returncode not in (_REFUSED if "none." in command else 0, _NOT_MET):
+        raise SystemExit(
+            f"{command} ended with {process.returncode}: {(folder / 'said.txt').read_text(encoding='utf-8')}"
+        )
     return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e6
 
 
@@ -141,13 +148,13 @@ def _tables(folder: Path, n_rows: int) -> Iterator[Row]:
         used = cells if header else cells[:3]
         rows = (mark.join(row).replace(".", decimal) + "\n" for row in zip(*used, strict=True))
         file.write_text((header + "\n" if header else "") + "".join(rows), encoding="utf-8")
-        table, own_s = fastest(lambda file=file: read_point_table(file), 5)
-        read = pyarrow.csv.ReadOptions(use_threads=False, autogenerate_column_names=not header)
-        parse = pyarrow.csv.ParseOptions(delimiter=mark)
-        convert = pyarrow.csv.ConvertOptions(decimal_point=decimal)
-        _, arrow_s = fastest(
-            lambda file=file, r=read, p=parse, c=convert: pyarrow.csv.read_csv(file, r, p, c), 5
+        table, own_s = fastest(partial(read_point_table, file), 5)
+        options = (
+            pyarrow.csv.ReadOptions(use_threads=False, autogenerate_column_names=not header),
+            pyarrow.csv.ParseOptions(delimiter=mark),
+            pyarrow.csv.ConvertOptions(decimal_point=decimal),
         )
+        _, arrow_s = fastest(partial(pyarrow.csv.read_csv, file, *options), 5)
         assert len(table.columns["z_m"]) == n_rows
         yield Row.of(f"{n_rows:,} rows, {name}: CPU time", own_s, "s", "<=", 0.6 * n_rows / 1e6)
         yield Row(f"{n_rows:,} rows, {name}: over PyArrow", own_s / arrow_s, "x")
