@@ -7,9 +7,14 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo test test-long test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check docs
 
-demo: $(VENV)/.ready
+# The demo needs the packages of firnline alone, not those of its tests; an environment of the tests serves as well.
+demo: $(if $(wildcard $(VENV)/.ready),$(VENV)/.ready,$(VENV)/.demo)
+	@echo "1 of 2: a survey of real elevations, about half a minute; the first run on a machine compiles some 20 s more."
 	$(BIN)/firnline run examples/srtm_ridge.toml
+	@echo "2 of 2: a drive seen by the camera of the rover, about a minute and a half."
 	$(BIN)/firnline run examples/short_drive.toml
+	@echo "Open these pages in a browser:"
+	@ls -1 results/runs/srtm-ridge/latest/*report/index.html results/runs/short-drive/latest/*report/index.html
 
 test: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile
@@ -54,11 +59,14 @@ docs: $(VENV)/.docs
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 	$(BIN)/python -m docs.check_links docs/_build/html
 
-# Rebuilt when the requirements change; an incomplete one has no .ready and is rebuilt.
-$(VENV)/.ready: pyproject.toml constraints.txt
+# Rebuilt when the requirements change; an incomplete one has no .ready or .demo and is rebuilt.
+$(VENV)/.demo: PACKAGES := .
+$(VENV)/.ready: PACKAGES := .[dev]
+$(VENV)/.demo $(VENV)/.ready: pyproject.toml constraints.txt
+	@echo "Installing packages into $(VENV), once: one to three minutes."
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("firnline needs Python 3.11 or newer; set PYTHON=...")'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '$(PACKAGES)'
 	touch $@
 
 $(VENV)/.docs: $(VENV)/.ready

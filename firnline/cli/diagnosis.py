@@ -116,7 +116,8 @@ def _compiled_cache() -> Finding:
     beside = Path(next(iter(sim.rendering.__path__))) / "__pycache__"
     named = os.environ.get("NUMBA_CACHE_DIR")
     own = Path.home() / ".cache" / "numba"
-    places = [Path(named)] if named else [beside, beside.parent, own, *own.parents[:2]]
+    is_kept = named and not Path(named).name.startswith("firnline-compiled-")  # which this process alone uses
+    places = [Path(named)] if named and is_kept else [beside, beside.parent, own, *own.parents[:2]]
     place = next((it for it in places if it.is_dir() and os.access(it, os.W_OK)), None)
     if place is not None:
         return Finding("compiled loops", f"stored in {place}")

@@ -27,13 +27,16 @@ def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
 _NEIGHBOURS = 10
 
 
+Lengths = npt.NDArray[np.float32]
+
+
 class Transits(NamedTuple):
     """Lengths of the transits between ends [m], looked up when first needed.
 
     An entry below zero is minus the straight distance: a bound, not yet the length.
     """
 
-    length: npt.NDArray[np.float32]  # (E, E)
+    length: Lengths  # (E, E)
     near: IntArray  # (E, K) ends of other swaths, the nearest first
     parent: IntArray  # room for the search
     network: Network
@@ -77,41 +80,49 @@ _LONGEST_ROW = 12
 
 
 class Tour(NamedTuple):
-    """The row of items and, for each swath, its place in the row."""
+    """The row of items and, for each swath, its place in the row, with two tables of `Transits`."""
 
     items: IntArray  # (n,)
     place: IntArray  # (E / 2,) -1 for swaths that are not in the row
+    length: Lengths
+    near: IntArray
 
 
+@njit(cache=True)
+def _look_up(a: int, b: int, ways: list[Transits]) -> None:
+    """Search for the way between two ends, and put its length into the table [m]."""
+    t = ways[0]
+    t.length[a, b] = t.length[b, a] = search(a, b, t.network, t.parent)
+
+
+# Compiled code counts references to every array of a tuple at each call, 0.3 µs for `Transits` and little for a list of it.
 @njit(cache=True, inline="always")
-def _exact(a: int, b: int, t: Transits) -> float:
-    """Look up the length of the transit between two ends [m]; search for the way where only its bound is known."""
-    if t.length[a, b] < 0.0:
-        length = search(a, b, t.network, t.parent)
-        t.length[a, b] = length
-        t.length[b, a] = length
-    return float(t.length[a, b])
+def _exact(a: int, b: int, length: Lengths, ways: list[Transits]) -> float:
+    """Return the length of the transit between two ends [m]; search for the way where only its bound is known."""
+    if length[a, b] < 0.0:
+        _look_up(a, b, ways)
+    return float(length[a, b])
 
 
 @njit(cache=True)
 def transit_length(a: int, b: int, t: Transits) -> float:
     """Return the length of the transit between two ends [m], for callers that are not compiled."""
-    return float(_exact(a, b, t))
+    return float(_exact(a, b, t.length, [t]))
 
 
 @njit(cache=True)
 def tour_length(items: IntArray, t: Transits) -> float:
     """Return the metres of transit of a closed tour."""
-    total = 0.0
+    length, ways, total = t.length, [t], 0.0
     for i in range(len(items)):
-        total += _exact(items[i] ^ 1, items[(i + 1) % len(items)], t)
+        total += _exact(items[i] ^ 1, items[(i + 1) % len(items)], length, ways)
     return total
 
 
 @njit(cache=True)
 def _reverse(tour: Tour, first: int, last: int) -> None:
     """Drive a row of items in the opposite order and direction."""
-    items, place = tour
+    items, place = tour.items, tour.place
     i, j = first, last
     while i < j:
         items[i], items[j] = items[j] ^ 1, items[i] ^ 1
@@ -123,23 +134,23 @@ def _reverse(tour: Tour, first: int, last: int) -> None:
 
 
 @njit(cache=True)
-def _try_reversal(end: int, tour: Tour, t: Transits) -> bool:
+def _try_reversal(end: int, tour: Tour, ways: list[Transits]) -> bool:
     """Join `end` to a nearer end by turning round the row between them (2-opt)."""
-    items, place = tour
+    items, place, length, near = tour
     n = len(items)
     i = place[end >> 1]
     is_left = items[i] != end
     beside = items[(i + 1) % n] if is_left else items[(i - 1) % n] ^ 1
-    now = _exact(end, beside, t)
-    for c in t.near[end]:
+    now = _exact(end, beside, length, ways)
+    for c in near[end]:
         j = place[c >> 1]
-        if j < 0 or abs(t.length[end, c]) >= now or (items[j] != c) != is_left:
+        if j < 0 or abs(length[end, c]) >= now or (items[j] != c) != is_left:
             continue
         d = items[(j + 1) % n] if is_left else items[(j - 1) % n] ^ 1
-        old = now + _exact(c, d, t) - _GAIN_M
-        if abs(t.length[end, c]) + abs(t.length[beside, d]) >= old:
+        old = now + _exact(c, d, length, ways) - _GAIN_M
+        if abs(length[end, c]) + abs(length[beside, d]) >= old:
             continue
-        if _exact(end, c, t) + _exact(beside, d, t) >= old:
+        if _exact(end, c, length, ways) + _exact(beside, d, length, ways) >= old:
             continue
         shift = 1 if is_left else 0
         _reverse(tour, min(i, j) + shift, max(i, j) - 1 + shift)
@@ -150,7 +161,7 @@ def _try_reversal(end: int, tour: Tour, t: Transits) -> bool:
 @njit(cache=True)
 def _move(tour: Tour, first: int, n_items: int, target: int) -> None:
     """Take out a row of items and put it back where it then begins at `target`."""
-    items, place = tour
+    items, place = tour.items, tour.place
     row = items[first : first + n_items].copy()
     # Element by element: an assignment of slices takes five seconds more to compile.
     for i in range(first - 1, target - 1, -1):
@@ -164,43 +175,43 @@ def _move(tour: Tour, first: int, n_items: int, target: int) -> None:
 
 
 @njit(cache=True)
-def _better_gap(end: int, first: int, n_items: int, tour: Tour, t: Transits) -> tuple[int, bool]:
+def _better_gap(end: int, first: int, n_items: int, tour: Tour, ways: list[Transits]) -> tuple[int, bool]:
     """Return the gap, as the place after it, that a row should move to, and whether it must be turned."""
-    items, place = tour
+    items, place, length, near = tour
     n = len(items)
     head, tail = items[first], items[first + n_items - 1] ^ 1
     p, q = items[first - 1] ^ 1, items[(first + n_items) % n]
-    old = _exact(p, head, t) + _exact(tail, q, t)
-    if old - abs(t.length[p, q]) <= _GAIN_M:
+    old = _exact(p, head, length, ways) + _exact(tail, q, length, ways)
+    if old - abs(length[p, q]) <= _GAIN_M:
         return -1, False
-    gain = old - _exact(p, q, t)
+    gain = old - _exact(p, q, length, ways)
     other = tail if head == end else head
-    for c in t.near[end]:
+    for c in near[end]:
         j = place[c >> 1]
-        if j < 0 or abs(t.length[end, c]) >= gain or first <= j < first + n_items:
+        if j < 0 or abs(length[end, c]) >= gain or first <= j < first + n_items:
             continue
         follows = items[j] != c  # the row follows c where c is left, and precedes it where c is entered
         d = items[(j + 1) % n] if follows else items[(j - 1) % n] ^ 1
         if first <= place[d >> 1] < first + n_items or (j == 0 and not follows):
             continue
-        limit = gain + _exact(c, d, t) - _GAIN_M
-        if abs(t.length[end, c]) + abs(t.length[other, d]) >= limit:
+        limit = gain + _exact(c, d, length, ways) - _GAIN_M
+        if abs(length[end, c]) + abs(length[other, d]) >= limit:
             continue
-        if _exact(end, c, t) + _exact(other, d, t) < limit:
+        if _exact(end, c, length, ways) + _exact(other, d, length, ways) < limit:
             return (j + 1 if follows else j), (head == end) != follows
     return -1, False
 
 
 @njit(cache=True)
-def _try_move(end: int, tour: Tour, t: Transits) -> bool:
+def _try_move(end: int, tour: Tour, ways: list[Transits]) -> bool:
     """Put the one to three items that begin or finish with `end` beside a nearer end (or-opt)."""
-    items, place = tour
+    items, place = tour.items, tour.place
     at = place[end >> 1]
     for n_items in range(1, 4):
         first = at if items[at] == end else at - n_items + 1
         if first < 1 or first + n_items > len(items):
             return False
-        gap, is_turned = _better_gap(end, first, n_items, tour, t)
+        gap, is_turned = _better_gap(end, first, n_items, tour, ways)
         if gap >= 0:
             if is_turned:
                 _reverse(tour, first, first + n_items - 1)
@@ -210,16 +221,16 @@ def _try_move(end: int, tour: Tour, t: Transits) -> bool:
 
 
 @njit(cache=True)
-def _descend(tour: Tour, queue: list[int], t: Transits) -> None:
+def _descend(tour: Tour, queue: list[int], ways: list[Transits]) -> None:
     """Apply improving moves at the queued ends, and at those beside each change, until none is left."""
-    items, place = tour
+    items, place = tour.items, tour.place
     waits = np.zeros(2 * len(place), dtype=np.bool_)
     for end in queue:
         waits[end] = True
     while len(queue) > 0:
         end = queue.pop()
         waits[end] = False
-        while _try_reversal(end, tour, t) or _try_move(end, tour, t):
+        while _try_reversal(end, tour, ways) or _try_move(end, tour, ways):
             at = place[end >> 1]
             for i in range(at - 2, at + 3):
                 for other in (items[i % len(items)], items[i % len(items)] ^ 1):
@@ -231,7 +242,7 @@ def _descend(tour: Tour, queue: list[int], t: Transits) -> None:
 @njit(cache=True)
 def _kick(tour: Tour, numbers: FloatArray) -> list[int]:
     """Exchange two neighbouring rows (a double bridge); return the six ends at the cuts."""
-    items, place = tour
+    items, place = tour.items, tour.place
     n = len(items)
     i = 1 + int(numbers[0] * (n - 3))
     j = min(i + 1 + int(numbers[1] * _LONGEST_ROW), n - 1)
@@ -255,14 +266,14 @@ def improved(items: IntArray, t: Transits, kicks: FloatArray) -> IntArray:
     place = np.full(len(t.length) // 2, -1, dtype=np.int64)
     for i in range(n):
         place[row[i] >> 1] = i
-    tour = Tour(row, place)
-    _descend(tour, [int(row[i // 2]) ^ (i % 2) for i in range(2 * n)], t)
+    tour, ways = Tour(row, place, t.length, t.near), [t]
+    _descend(tour, [int(row[i // 2]) ^ (i % 2) for i in range(2 * n)], ways)
     best, shortest = tour_length(row, t), row.copy()
     for kick in range(len(kicks) if n > 4 else 0):
-        _descend(tour, _kick(tour, kicks[kick]), t)
-        length = tour_length(row, t)
-        if length < best - _GAIN_M:
-            best, shortest = length, row.copy()
+        _descend(tour, _kick(tour, kicks[kick]), ways)
+        driven = tour_length(row, t)
+        if driven < best - _GAIN_M:
+            best, shortest = driven, row.copy()
         else:
             for i in range(n):
                 row[i] = shortest[i]
@@ -286,11 +297,12 @@ def boustrophedon(ends: FloatArray, swaths: IntArray, depot: int) -> IntArray:
 def nearest_next(items: IntArray, t: Transits) -> IntArray:
     """Begin with the depot and always drive on to the nearest end of a swath not yet driven."""
     chosen, waits = items.copy(), items[1:].copy()
+    length, ways = t.length, [t]
     for i in range(1, len(items)):
         here, best, pick = chosen[i - 1] ^ 1, np.inf, i - 1
         for k in range(i - 1, len(waits)):
             for end in (waits[k], waits[k] ^ 1):
-                if abs(t.length[here, end]) < best and _exact(here, end, t) < best:
-                    best, pick, chosen[i] = _exact(here, end, t), k, end
+                if abs(length[here, end]) < best and _exact(here, end, length, ways) < best:
+                    best, pick, chosen[i] = _exact(here, end, length, ways), k, end
         waits[pick] = waits[i - 1]
     return chosen

@@ -3,12 +3,15 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from survey import Dem, Grid, SurveyArea
+from firnline import actions
+from firnline.actions.plan_request import PlanRequest
+from survey import Dem, Grid, InputError, SurveyArea
 
 CRS = "EPSG:32608"
 # The modules of a run are printed last; a command ends by an exception.
@@ -48,6 +51,13 @@ CASES = {
     "score by a raster": ("score later.tif --truth earlier.tif", 0, 850, FRAMES | DRAWING | COMPILED | ENGINES),
     "change": ("change later.tif earlier.tif --outline area.geojson -o change", 0, 1350, FRAMES | COMPILED | {"finufft"}),
     "plan": ("plan area.geojson --swaths 4 -o plan.geojson", 0, 1650, FRAMES | COMPILED - {"numba"} | {"finufft"}),
+    "change without pictures": (
+        "change later.tif earlier.tif --outline area.geojson --no-pictures -o bare/change", 0, 1100, FRAMES | COMPILED | DRAWING,
+    ),
+    "plan without pictures": ("plan area.geojson --swaths 4 --no-pictures -o bare/plan.geojson", 0, 1350, FRAMES | DRAWING),
+    "map without pictures": (
+        "reconstruct points.csv --crs EPSG:32608 --method tin --grid 5 --no-pictures -o bare/map", 0, 1350, FRAMES | DRAWING,
+    ),
     "no checkpoints": ("score later.tif --checkpoints none.csv", 3, 690, FRAMES | DRAWING | COMPILED | ENGINES | {"scipy"}),
     "no area": ("plan none.gpkg --swaths 4", 3, 690, FRAMES | DRAWING | COMPILED | ENGINES | {"scipy", "rasterio"}),
     "no points": ("reconstruct none.csv --crs EPSG:32608", 3, 1080, FRAMES | DRAWING | COMPILED | ENGINES | {"pyogrio"}),
@@ -67,4 +77,20 @@ def test_a_command_loads_what_it_uses(case: str, place: Path) -> None:
     ended, modules = json.loads(run.stdout.splitlines()[-1])
     assert (ended or 0) == code, run.stderr
     assert not needless.intersection(modules)
+    assert not list((place / "bare").rglob("*.png"))
     assert len(modules) <= most
+
+
+def test_pictures_are_left_out(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(place)
+    plan = PlanRequest(source=Path("area.geojson"), swaths=4, out=Path("drawn/plan.geojson"))
+    Path("drawn").mkdir()
+    actions.plan(plan).write()
+    assert sorted(file.name for file in Path("drawn").iterdir()) == ["plan.geojson", "plan.png"]
+    # The picture of a plan that is replaced would be of another route.
+    assert (
+        "drawn/plan.png" not in actions.plan(replace(plan, no_pictures=True, force=True)).write().lines()[0]
+    )
+    assert sorted(file.name for file in Path("drawn").iterdir()) == ["plan.geojson"]
+    with pytest.raises(InputError, match="are pictures; leave --no-pictures out"):
+        actions.plan(replace(plan, no_pictures=True, out=Path("drawn/plan.pdf")))
