@@ -11,10 +11,10 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from planners.capacity import require_lines
+from planners.config import SwathConfig
 from planners.routes.local_search import ends_of
 from planners.routes.shortest_paths import FreeGround
-from planners.swaths.reference_lines import axes_of
+from planners.swaths.reference_lines import axes_of, lines_over, pieces_on
 from survey.core import ConfigError, FloatArray, InputError, IntArray
 
 _SHORTEST_M = 0.01
@@ -32,9 +32,10 @@ def swaths_on(
     spacing_m: float,
     heading_deg: float,
     *,
+    lines: list[FloatArray] | None = None,
     inset_m: float = 0.0,
     headland_m: float = 0.0,
-    outer_share: float = 0.5,
+    fills_pockets: bool = True,
 ) -> list[FloatArray]:
     """Lay parallel swaths over the free ground.
 
@@ -45,18 +46,21 @@ def swaths_on(
     gets a swath of its own; `unswept` returns what is still left.
 
     `spacing_m`: largest distance between neighbouring swaths [m]. `heading_deg`: direction of the first
-    swath, counter-clockwise from east [deg]; the following swaths lie to its right. `inset_m`: how far swaths
-    end before the border, along their heading [m]. `headland_m`: width of the strip along every border that
-    swaths leave free [m]. Returns: both ends of every swath [m], cell by cell, all pointing along the
-    heading.
+    swath, counter-clockwise from east [deg]; the following swaths lie to its right. `lines`: to lay swaths on instead.
+    `inset_m`: how far swaths end before the border, along their heading [m]. `headland_m`: width of the strip along
+    every border that swaths leave free [m]. `fills_pockets`: whether ground beside the swaths gets some of its own.
+    Returns: both ends of every swath [m], cell by cell, all pointing along the heading.
     """
     _require_spacing(spacing_m)
     for name, width_m in (("inset", inset_m), ("headland", headland_m)):
         if not (np.isfinite(width_m) and width_m >= 0.0):
             raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
-    inner = _without_headland(ground, headland_m)
-    lines = clip_lines(ground, _lines_over(inner, spacing_m, heading_deg, outer_share), headland_m=headland_m)
-    lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
+    if lines is None:
+        config = SwathConfig.model_validate({"spacing_m": spacing_m, "shortest_m": 0.0})
+        lines, _ = lines_over(without_headland(ground, headland_m), config, heading_deg)
+    lines = clip_lines(ground, lines, headland_m=headland_m)
+    if fills_pockets:
+        lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
     lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
     if not lines:
         xmin, ymin, xmax, ymax = ground.polygon.bounds
@@ -79,24 +83,6 @@ def _shortened(line: FloatArray, inset_m: float) -> FloatArray | None:
 def _require_spacing(spacing_m: float) -> None:
     if not (np.isfinite(spacing_m) and spacing_m > 0.0):
         raise ConfigError(f"the spacing of the swaths is {spacing_m} m; it must be greater than 0.")
-
-
-def _lines_over(polygon: Any, spacing_m: float, heading_deg: float, outer_share: float) -> list[FloatArray]:
-    """Return evenly spaced lines over the polygon, longer than it."""
-    along, left = axes_of(heading_deg)
-    right = -left
-    xy = shapely.get_coordinates(polygon)
-    if not len(xy):
-        return []
-    u, v = xy @ along, xy @ right
-    width = v.max() - v.min()
-    require_lines(int(min(width / spacing_m, 1e15)), width)
-    n = max(int(np.ceil(width / spacing_m + 1.0 - 2.0 * outer_share - 1e-9)), 1)
-    distance = width / (n - 1 + 2.0 * outer_share)
-    offsets = v.min() + 0.5 * width + (np.arange(n) - 0.5 * (n - 1)) * distance
-    reach = 1.0 + 0.01 * (u.max() - u.min())
-    first, last = (u.min() - reach) * along, (u.max() + reach) * along
-    return [np.array([first + offset * right, last + offset * right]) for offset in offsets]
 
 
 def _cell_by_cell(lines: list[FloatArray], heading_deg: float) -> list[FloatArray]:
@@ -122,11 +108,11 @@ def unswept(
     swept = shapely.union_all(
         shapely.buffer([shapely.linestrings(swath) for swath in swaths], half_m, quad_segs=16)
     )
-    rest = shapely.get_parts(shapely.difference(_without_headland(ground, headland_m), swept))
+    rest = shapely.get_parts(shapely.difference(without_headland(ground, headland_m), swept))
     return sorted((piece for piece in rest if piece.area > _CRUMB_M2), key=lambda piece: -piece.area)
 
 
-def _without_headland(ground: FreeGround, headland_m: float) -> Any:
+def without_headland(ground: FreeGround, headland_m: float) -> Any:
     """Return the ground less a border of that width; the same at swaths, headlands and pockets."""
     return ground.polygon if headland_m == 0.0 else ground.polygon.buffer(-headland_m, quad_segs=4)
 
@@ -173,34 +159,17 @@ def clip_lines(ground: FreeGround, lines: list[FloatArray], *, headland_m: float
     Where the exact piece is not covered by the ground because of rounding, it is cut at
     a border moved `MARGIN_M` inwards instead.
     """
-    shape = _without_headland(ground, headland_m)
+    shape = without_headland(ground, headland_m)
     inner = ground.inner if headland_m == 0.0 else shape
     shapely.prepare(shape)
     pieces: list[FloatArray] = []
     for line in lines:
-        for piece in _pieces(shape, line):
+        for piece in pieces_on(shape, line):
             if ground.covers(shapely.linestrings(piece)):
                 pieces.append(piece)
             else:
-                pieces.extend(p for p in _pieces(inner, piece) if ground.covers(shapely.linestrings(p)))
+                pieces.extend(p for p in pieces_on(inner, piece) if ground.covers(shapely.linestrings(p)))
     return pieces
-
-
-def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
-    """Return the parts of a polyline that lie in a shape, in its order and direction."""
-    full = shapely.linestrings(line)
-    cut = shapely.get_parts(shapely.intersection(shape, full))
-    parts = [part for part in cut if part.geom_type == "LineString" and part.length > _SHORTEST_M]
-    if len(parts) > 1:
-        # A line that touches a corner or runs along a border comes back in pieces.
-        parts = list(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts))))
-    arrays = []
-    for part in parts:
-        xy = shapely.get_coordinates(part)
-        xy = xy[[0, -1]] if len(line) == 2 else xy
-        ends = shapely.line_locate_point(full, shapely.points(xy[[0, -1]]))
-        arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
-    return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
 
 
 def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:
