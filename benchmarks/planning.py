@@ -227,7 +227,9 @@ def _pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
         yield Row(f"{what}: all pieces", every[:, 1].sum(), "")
         share = 100.0 * ours[:, 2].sum() / ours[:, 1].sum()
         yield Row.of(f"{what}: pieces shorter than 50 m", share, "%", "<=", 5.0)
-        yield Row(f"{what}: all pieces, shorter than 50 m", 100.0 * every[:, 2].sum() / every[:, 1].sum(), "%")
+        yield Row(
+            f"{what}: all pieces, shorter than 50 m", 100.0 * every[:, 2].sum() / every[:, 1].sum(), "%"
+        )
         for name, column, limit in (("drive", 3, 1.03), ("turns", 4, 1.0), ("predicted RMSE", 5, 1.02)):
             ratio = float((ours[:, column] / every[:, column]).mean())
             yield Row.of(f"{what}: {name} / all pieces, mean", ratio, "x", "<=", limit)

@@ -89,7 +89,13 @@ def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...
 
 
 def _laid_on(
-    area: SurveyArea, config: SwathConfig, lines: ReferenceLines, rover: Rover, shape: SwathShape, *, is_steered: bool
+    area: SurveyArea,
+    config: SwathConfig,
+    lines: ReferenceLines,
+    rover: Rover,
+    shape: SwathShape,
+    *,
+    is_steered: bool,
 ) -> tuple[list[Swath], float]:
     """Lay swaths on ground of any shape, every metre proven to be on it, with room for turns; return their spacing too [m].
 
@@ -139,9 +145,7 @@ def join_swaths(
     start = homes[0] if homes is not None else _end_nearest(kept, corner)
     end = start if crew.fleet.return_to_start else crew.fleet.end_m
     axes = [swath.axis for swath in kept]
-    return connect(
-        [swath.xy for swath in kept], ground, start=start, end=end, axes=axes, turning=crew.rover
-    )
+    return connect([swath.xy for swath in kept], ground, start=start, end=end, axes=axes, turning=crew.rover)
 
 
 def _end_nearest(swaths: Sequence[Swath], corner: FloatArray | None) -> FloatArray | None:

@@ -34,7 +34,7 @@ def worth_driving(
     shapes = np.array([shapely.linestrings(swath.xy) for swath in swaths])
     keeps = lengths >= shortest_m
     keeps[[line[np.argmax(lengths[line])] for line in _lines(swaths)]] = True
-    for index in np.argsort(-lengths, kind="stable"):
+    for index in np.argsort(-lengths.round(3), kind="stable"):
         if not keeps[index]:
             keeps[index] = shapely.distance(shapes[keeps], shapes[index]).min() > _NEAR * shortest_m
     kept = [swath for swath, keep in zip(swaths, keeps, strict=True) if keep]
