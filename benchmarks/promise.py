@@ -30,14 +30,16 @@ from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee
-from planners.guarantee.kernel_posterior import PriorBlocks, posterior_from_prior
-from planners.guarantee.requirement import MapRequirement, Surface
-from planners.prediction import places
+from planners.guarantee.requirement import MapRequirement
+from planners.prediction.assumptions import Surface
+from planners.prediction.kernel_posterior import PriorBlocks, posterior_from_prior
+from planners.prediction.places import places
 from planners.swaths.heading import across_marked_grain
-from survey import Dem, Grid, Route, SurveyArea
+from survey import Dem, Grid, Route, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.executors import run_all
 from survey.core.streams import stream
+from survey.reconstruction import reconstruct
 from survey.reconstruction.gp.families import SearchedFamily
 from survey.reconstruction.gp.kernel_search import KernelSearch, map_surveys
 from survey.terrain import random_dem, satellite_copy
@@ -68,10 +70,15 @@ class Site:
     area: SurveyArea
 
     @property
+    def grid(self) -> Grid:
+        """Nodes where maps are judged."""
+        xmin, ymin, _, _ = self.area.bounds
+        return Grid((xmin + 10.0, ymin + 10.0, xmin + 590.0, ymin + 590.0), 20.0, self.area.crs)
+
+    @property
     def nodes(self) -> FloatArray:
         """Places (M, 2) where maps are judged [m]."""
-        xmin, ymin, _, _ = self.area.bounds
-        return Grid((xmin + 10.0, ymin + 10.0, xmin + 590.0, ymin + 590.0), 20.0, self.area.crs).xy
+        return self.grid.xy
 
 
 @dataclass(frozen=True)
@@ -235,7 +242,7 @@ def _beforehand(site: Site, task: Task) -> Outcome:
     )
     made = guarantee(site.area, site.prior, wanted)
     xy = places(made.route, STEP_M)
-    error = map_error(site, xy, heights_at(site, xy, task, 0), task.noise_m)
+    error = prior_map_error(site, xy, heights_at(site, xy, task, 0), task.noise_m)
     length_m, n = made.route.length_m, len(made.route.swaths)
     return Outcome(made.holds, made.predicted.rmse_m, error, length_m, oracle_m(site, task), n)
 
@@ -252,7 +259,7 @@ def oracle_m(site: Site, task: Task) -> float:
     for n in range(2, MOST_ORACLE + 1):
         route = lawnmower(site.area.bounds, str(site.area.crs.to_epsg()), n)
         xy = places(route, STEP_M)
-        if map_error(site, xy, heights_at(site, xy, task, n, "oracle"), task.noise_m) <= CLASS_3_M:
+        if prior_map_error(site, xy, heights_at(site, xy, task, n, "oracle"), task.noise_m) <= CLASS_3_M:
             return route.length_m
     return float("nan")
 
@@ -276,6 +283,13 @@ def map_error(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float) -
     columns = heights[:, None]
     mean, _ = map_surveys(xy, columns, KernelSearch(xy, columns, noise_m).search(), site.nodes)
     return float(np.sqrt(np.mean((mean[:, 0] - site.terrain.at(site.nodes)) ** 2)))
+
+
+def prior_map_error(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float) -> float:
+    """Return the root mean square error of the map that `reconstruct` makes of a survey and the prior [m]."""
+    points = SurfacePoints(np.column_stack([xy, heights]), sigma_m=noise_m, crs=site.area.crs)
+    made = reconstruct(points, site.grid, site.prior)
+    return float(np.sqrt(np.mean((made.mean.elevation.ravel() - site.terrain.at(site.nodes)) ** 2)))
 
 
 def site_of(task: Task) -> Site:

@@ -6,8 +6,11 @@
 """
 
 import math
+import mmap
 import os
+import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,7 +46,7 @@ class LogColumns:
     and specific force [m/s²] forward, right, down. `headings`: time [s], yaw that the autopilot estimated,
     clockwise from true north [rad]. `vehicle`: what the log calls it where it is one that flies, or ``""``. `is_ground`:
     whether the log calls it one that does not. `has_flown`: whether it was seen in the air. `lost`: what the log itself lost, one
-    note each.
+    note each. `n_cut`: bytes at the end of the file that are no whole record.
     """
 
     receivers: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
@@ -54,6 +57,7 @@ class LogColumns:
     is_ground: bool = False
     has_flown: bool = False
     lost: list[str] = field(default_factory=list)
+    n_cut: int = 0
 
     @property
     def flown(self) -> str:
@@ -85,10 +89,14 @@ class LogColumns:
         gps = GpsFixes(rows[:, 0], np.column_stack([xy, rows[:, 3]]), _sigma_m(rows), _sigma_z_m(rows))
         n_bad = len(self.receivers[chosen]) - len(rows)
         others = ", ".join(f"{len(usable[name])} of {name}" for name in usable if name != chosen)
+        cut = (
+            f"the log was cut off: its last {self.n_cut} bytes are no whole record; the last fix before is of {rows[-1, 0] - rows[0, 0]:.1f} s after the first",
+        )
         notes = (
             f"works in {target.name}",
             f"{n_bad} records of the receiver without a fix or out of order are left out",
             *self.lost,
+            *(cut if self.n_cut else ()),
             *([f"{len(rows)} fixes of {chosen} are used, and left out are {others}"] if others else []),
         )
         wheels, inertial = _table(self.wheels, 3), _table(self.inertial, 7)
@@ -204,9 +212,31 @@ def _read_mavlink(file: Path) -> LogColumns:
     try:
         while (message := log.recv_match(type=list(_TAKEN))) is not None:
             _TAKEN[message.get_type()](message, columns)
+        formats = getattr(log, "formats", {})
     finally:
         log.close()
+
+    def length_at(data: mmap.mmap, place: int) -> int:
+        if (
+            not formats
+        ):  # telemetry: 8 bytes of time, and a frame of MAVLink 1 or of MAVLink 2, which may be signed
+            n, is_signed = data[place + 9], data[place + 10] & 1
+            return {0xFE: 16 + n, 0xFD: 20 + n + 13 * is_signed}.get(data[place + 8], 0)
+        is_record = data[place] == 0xA3 and data[place + 1] == 0x95 and data[place + 2] in formats
+        return int(formats[data[place + 2]].len) if is_record else 0
+
+    columns.n_cut = _n_cut(file, 0, length_at)
     return columns
+
+
+def _n_cut(file: Path, first: int, length_at: Callable[[mmap.mmap, int], int]) -> int:
+    """Return how many bytes at the end of a log are no whole record; 0 where its records do not follow one another."""
+    with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        n, place, length = len(data), first, 1
+        with suppress(IndexError, struct.error):  # the head of a record may be cut off
+            while place < n and 0 < (length := length_at(data, place)) <= n - place:
+                place += length
+        return n - place if length else 0
 
 
 def _take_gps(message: Any, columns: LogColumns) -> None:
@@ -302,6 +332,8 @@ def _read_ulog(file: Path) -> LogColumns:
     columns.set_vehicle(int(log.initial_parameters.get("MAV_TYPE", 0)))
     if log.file_corruption:
         columns.lost.append("the log is damaged: messages that cannot be read are left out")
+    elif not log.has_data_appended:
+        columns.n_cut = _n_cut(file, 16, lambda data, place: 3 + struct.unpack_from("<HB", data, place)[0])
     if log.dropouts:
         lost_s = _MILLI * sum(dropout.duration for dropout in log.dropouts)
         columns.lost.append(f"the logger lost {lost_s:.1f} s in {len(log.dropouts)} gaps")

@@ -7,7 +7,7 @@ anything is sent.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -228,8 +228,9 @@ class AutopilotMission:
             raise InputError(
                 f"{where} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
             )
-        require_own_fence(mission, where)
-        return cls._of(mission)
+        curves = require_own_fence(mission, where)
+        found = cls._of(mission)
+        return replace(found, notes=(*found.notes, *curves))
 
     @classmethod
     def _of(cls, mission: Mission) -> Self:

@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from planners.config import PatternConfig, in_grid_metres, settings_factor
 from planners.patterns.planner import LayoutTask, Planner
-from planners.prediction import ErrorModel, terrain_kernel
+from planners.prediction.assumptions import MapAssumptions
+from planners.prediction.error_model import ErrorModel
 from planners.registry import PLANNERS, PlannerConfig, planner_of
 from planners.routes.fleet import departures
 from planners.routes.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots, predicted
@@ -43,6 +44,7 @@ def plan(
     kernel: Kernel | None = None,
     noise_m: float = 0.1,
     sample_step_m: float = 10.0,
+    model: ErrorModel | None = None,
     progress: Progress | None = None,
 ) -> Route:
     """Plan the route of a survey.
@@ -60,10 +62,11 @@ def plan(
     fleet : Fleet, optional
         How many rovers, and where they finish.
     kernel : survey.reconstruction.gp.kernels.Kernel, optional
-        Covariance of the unknown terrain, in metres of the CRS; fitted to the prior (`terrain_kernel`) where the
-        pattern needs one.
+        Known covariance of the terrain, in metres of the CRS, that is mapped without a prior.
     noise_m, sample_step_m : float
-        Standard deviation of a sample and distance between samples [m], for the predicted error.
+        Standard deviation of a sample and distance between samples [m], with a kernel.
+    model : ErrorModel, optional
+        Predictor of the map's error, in place of a kernel; that of the prior (`prior_model`) where the pattern needs one.
     progress : callable, optional
         Called with what is done, how much of it, and of how much.
 
@@ -72,7 +75,8 @@ def plan(
     Route
         With ``prediction``: ``length_m``, ``n_turns``, ``time_s``, ``energy_j`` and ``transit_share`` on the ground;
         ``map_scale`` (grid metres for each metre on the ground); ``left_out_share`` and ``prior_covered_share`` of the
-        area; and ``rmse_m`` of the complete map where a kernel is given. Slopes enter time and energy where the prior
+        area; and, where a kernel or model is given, ``rmse_m`` of the complete map, which lies between ``rmse_low_m`` and
+        ``rmse_high_m`` with 80 %. Slopes enter time and energy where the prior
         covers the route. Patterns that are steered while driving return their reference swaths (see `rollout`).
 
     Raises
@@ -90,8 +94,7 @@ def plan(
     Notes
     -----
     Settings are converted to grid metres where the scale factor of the CRS differs from 1 by more than 1 %, with a
-    warning. ``Route.length_m`` and ``Route.spacing_m`` are grid metres. The predicted error follows from covariance and
-    samples alone. Ground that cannot be driven is left out with a warning; `drivable` returns its pieces.
+    warning. ``Route.length_m`` and ``Route.spacing_m`` are grid metres. Ground that cannot be driven is left out with a warning; `drivable` returns its pieces.
 
     Examples
     --------
@@ -112,9 +115,7 @@ def plan(
         area,
         config,
         crew=crew,
-        kernel=kernel,
-        noise_m=noise_m,
-        sample_step_m=sample_step_m,
+        model=_known_model(area, kernel, noise_m, sample_step_m) if model is None else model,
         progress=progress,
     )
     return replace(route, prediction={**route.prediction, **facts})
@@ -126,25 +127,20 @@ def planned_on(
     config: PatternConfig,
     *,
     crew: Crew | None = None,
-    kernel: Kernel | None = None,
-    noise_m: float = 0.1,
-    sample_step_m: float = 10.0,
+    model: ErrorModel | None = None,
     progress: Progress | None = None,
 ) -> Route:
     """Plan a route on ground that was found drivable, without checks and warnings."""
     planner, crew, factor = planner_of(config), crew or Crew(), settings_factor(area)
-    if kernel is None and planner.needs_kernel(config):
-        kernel = _kernel_of(crew.dem, area)
-    model = None
-    if kernel is not None:
-        model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=factor * sample_step_m)
+    if model is None and planner.needs_kernel(config):
+        model = _model_of(crew.dem, area)
     task = LayoutTask(site.within(area), crew_in_grid_metres(crew, factor), model, progress)
     # Matrices of some hundred rows: spinning threads would only slow them down.
     with nullcontext() if model is None else threadpool_limits(1):
-        route = on_free_ground(planner.layout(in_grid_metres(config, factor), task), area)
+        route = on_free_ground(planner.layout(in_grid_metres(config, factor), task), area.free)
         facts = _effort(route, crew, task.crew) | {"left_out_share": site.left_out_share(area)}
         if model is not None and planner.steering is None:
-            facts["rmse_m"] = model.rmse_m(route)
+            facts |= _error_facts(model, route)
     return replace(route, prediction=facts)
 
 
@@ -185,12 +181,32 @@ def _effort(route: Route, crew: Crew, crew_on_grid: Crew) -> dict[str, float]:
     return predicted(route.legs, crew.rover, _if_covering(crew.dem, route), waits_s=waits_s, crs=route.crs)
 
 
-def _kernel_of(prior: Dem | None, area: SurveyArea) -> Kernel:
+def _error_facts(model: ErrorModel, route: Route) -> dict[str, float]:
+    """Return the expected error of the map, and the bounds that it lies between with 80 % [m]."""
+    found = model.distribution(route)
+    return {
+        "rmse_m": found.rmse_m,
+        "rmse_low_m": found.quantile_m(0.1),
+        "rmse_high_m": found.quantile_m(0.9),
+    }
+
+
+def _known_model(
+    area: SurveyArea, kernel: Kernel | None, noise_m: float, sample_step_m: float
+) -> ErrorModel | None:
+    """Return the model of a known covariance, if one is given."""
+    if kernel is None:
+        return None
+    step_m = settings_factor(area) * sample_step_m
+    return ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=step_m)
+
+
+def _model_of(prior: Dem | None, area: SurveyArea) -> ErrorModel:
     if prior is None:
         raise InputError(
             "this pattern needs a covariance of the terrain; give a prior DEM, a kernel or (for wavy swaths) a wavelength."
         )
-    return terrain_kernel(prior, area)
+    return ErrorModel.from_prior(area, prior)
 
 
 def _if_covering(prior: Dem | None, route: Route) -> Dem | None:
@@ -205,8 +221,8 @@ def _if_covering(prior: Dem | None, route: Route) -> Dem | None:
 _N_ALONG = 64
 
 
-def prior_kernel(prior: Dem, area: SurveyArea) -> Kernel | None:
-    """Return the likeliest covariance of the prior; None where it lies off the area, which `plan` refuses.
+def prior_model(prior: Dem, area: SurveyArea, assumed: MapAssumptions | None = None) -> ErrorModel | None:
+    """Return the predictor of errors of maps with a prior; None where it lies off the area, which `plan` refuses.
 
     Parameters
     ----------
@@ -214,18 +230,20 @@ def prior_kernel(prior: Dem, area: SurveyArea) -> Kernel | None:
         Coarse elevations.
     area : SurveyArea
         Area of the survey.
+    assumed : MapAssumptions, optional
+        Errors of samples and prior, and the class of surface.
 
     Returns
     -------
-    Kernel or None
-        Covariance of the terrain, of ``terrain_kernel``.
+    ErrorModel or None
+        Predicts the distribution of a map's error for any route.
 
     Raises
     ------
     InputError
         A prior that is too coarse for the area.
     """
-    return None if prior_covered_share(area, prior) == 0.0 else terrain_kernel(prior, area)
+    return None if prior_covered_share(area, prior) == 0.0 else ErrorModel.from_prior(area, prior, assumed)
 
 
 def prior_covered_share(area: SurveyArea, prior: Dem) -> float:

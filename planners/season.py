@@ -27,14 +27,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planners.config import settings_factor
-from planners.guarantee.error_distribution import LimitPredictor
 from planners.guarantee.guarantee import STAKED_M, posterior_of
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.guarantee.requirement import MapRequirement, Surface
+from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.survey_lines import heading_and_width, swath_counts
 from planners.patterns.wavy import WavyConfig
 from planners.planning import planned_on
-from planners.prediction import places
+from planners.prediction.assumptions import Surface
+from planners.prediction.error_distribution import MapPredictor
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.prediction.places import places
 from planners.routes.traversability import drivable
 from survey import ConfigError, Dem, Route, SurveyArea
 from survey.core import FloatArray
@@ -296,7 +297,7 @@ def _surveys(area: SurveyArea, prior: Dem, config: SeasonConfig) -> Iterator[tup
     posterior = posterior_of(area, prior, requirement)
     factor = settings_factor(area)
     step_m = factor * config.sample_step_m
-    nodes = LimitPredictor(area, 1.0, step_m).nodes
+    nodes = MapPredictor(area, step_m).nodes
     heading_deg, width_m = heading_and_width(area, prior)
     site = drivable(area)
     wavelength_m = WavyConfig(swaths=1).wavelength_scales * posterior.slope_length_m / factor

@@ -15,8 +15,8 @@ from benchmarks.promise_on_real_ground.surveys import Outcome, Task, requirement
 from benchmarks.promise_on_real_ground.windows import site_of
 from benchmarks.report import Row
 from planners.guarantee.guarantee import posterior_of
-from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.survey_lines import SurveyLines
+from planners.prediction.kernel_posterior import KernelPosterior
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem

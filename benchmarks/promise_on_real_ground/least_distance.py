@@ -12,9 +12,16 @@ import numpy as np
 from scipy.special import ndtri
 
 import planners
-from benchmarks.promise_on_real_ground.surveys import STEP_M, Outcome, Task, map_error_m, measured, stored
+from benchmarks.promise_on_real_ground.surveys import (
+    STEP_M,
+    Outcome,
+    Task,
+    measured,
+    prior_map_error_m,
+    stored,
+)
 from benchmarks.promise_on_real_ground.windows import site_of
-from planners.prediction import places
+from planners.prediction.places import places
 
 _MOST_SWATHS = 30
 _LEAST_SHARE = 0.38
@@ -50,7 +57,9 @@ def _lawnmowers(task: Task) -> Lawnmowers:
         route = planners.plan(site.area, None, planners.LawnmowerConfig(swaths=n))
         xy = places(route, STEP_M)
         found.lengths_m.append(route.length_m)
-        found.errors_m.append(map_error_m(site, xy, measured(site, task, xy, "oracle", n), task.noise_m))
+        found.errors_m.append(
+            prior_map_error_m(site, xy, measured(site, task, xy, "oracle", n), task.noise_m)
+        )
         if found.errors_m[-1] <= _LEAST_SHARE * site.limit_m:
             break
     return found

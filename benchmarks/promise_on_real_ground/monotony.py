@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.promise_on_real_ground.windows import SEED
 from planners.guarantee.guarantee import SwathSearch
-from planners.guarantee.kernel_posterior import posterior_in_grid
 from planners.guarantee.requirement import MapRequirement
+from planners.prediction.kernel_posterior import posterior_in_grid
 from survey import Grid, SurveyArea
 from survey.core.streams import stream
 from survey.terrain import random_dem, satellite_copy

@@ -16,10 +16,12 @@ from benchmarks.promise_on_real_ground.windows import SEED, Site, site_of
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.guarantee import guarantee, posterior_of
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction import places
+from planners.prediction.places import places
 from planners.swaths.heading import across_marked_grain
+from survey import SurfacePoints
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
+from survey.reconstruction import reconstruct
 from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, map_surveys
 
 STEP_M = 10.0
@@ -116,7 +118,7 @@ def requirement_of(site: Site, task: Task) -> MapRequirement:
 def _beforehand(site: Site, task: Task) -> Outcome:
     made = guarantee(site.area, site.prior, requirement_of(site, task))
     xy = places(made.route, STEP_M)
-    error_m = map_error_m(site, xy, measured(site, task, xy, "beforehand"), task.noise_m)
+    error_m = prior_map_error_m(site, xy, measured(site, task, xy, "beforehand"), task.noise_m)
     return Outcome(
         made.holds, made.predicted.rmse_m, error_m, made.route.length_m, int(made.config.swaths or 0)
     )
@@ -157,13 +159,22 @@ def map_error_m(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float)
     return float(np.sqrt(np.mean(np.square(mean[:, 0] - site.terrain.at(site.nodes)))))
 
 
+def prior_map_error_m(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float) -> float:
+    """Return the root mean square error of the map that `reconstruct` makes of a survey and the prior [m]."""
+    points = SurfacePoints(np.column_stack([xy, heights]), sigma_m=noise_m, crs=site.area.crs)
+    error = reconstruct(points, site.grid, site.prior).mean.elevation - site.terrain.at(site.nodes).reshape(
+        site.grid.shape
+    )
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
 def _oracle(task: Task) -> Oracle:
     """Try lawnmowers of more and more swaths until one truly passes."""
     site = site_of(task.landscape, task.index)
     for n in range(2, MOST_ORACLE + 1):
         route = planners.plan(site.area, None, planners.LawnmowerConfig(swaths=n))
         xy = places(route, STEP_M)
-        if map_error_m(site, xy, measured(site, task, xy, "oracle", n), task.noise_m) <= site.limit_m:
+        if prior_map_error_m(site, xy, measured(site, task, xy, "oracle", n), task.noise_m) <= site.limit_m:
             return Oracle(n, route.length_m)
     return Oracle(float("inf"), float("inf"))
 

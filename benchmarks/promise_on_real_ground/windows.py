@@ -131,12 +131,17 @@ class Site:
     prior_sigma_m: float = 1.0
 
     @property
-    def nodes(self) -> FloatArray:
-        """Places (400, 2) where maps are judged [m]."""
+    def grid(self) -> Grid:
+        """Nodes (20, 20) where maps are judged."""
         xmin, ymin, xmax, _ = self.area.bounds
         step_m = (xmax - xmin) / 20.0
         inner = (xmin + 0.5 * step_m, ymin + 0.5 * step_m, xmin + 19.5 * step_m, ymin + 19.5 * step_m)
-        return Grid(inner, step_m, self.area.crs).xy
+        return Grid(inner, step_m, self.area.crs)
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Places (400, 2) where maps are judged [m]."""
+        return self.grid.xy
 
 
 def fine_dem(name: str) -> Dem:

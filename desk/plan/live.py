@@ -12,11 +12,12 @@ import planners
 from desk.plan.document import PlanDocument
 from desk.plan.request import request_of
 from firnline.actions.interface import read_about
+from firnline.actions.plan_request import PlanRequest
 from firnline.actions.planning import AreaPlan, area_plan, checked_options
+from planners.prediction.error_model import ErrorModel
 from planners.routes.rover import Crew, homes_of
 from survey import Dem, InputError, SurveyArea
 from survey.core.arrays import Bounds
-from survey.reconstruction.gp.kernels import Kernel
 
 _MOST = 24
 Value = TypeVar("Value")
@@ -80,9 +81,9 @@ class LivePlan(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """Covariance of the prior over an outline, or why there is none."""
+    """Predictor of errors over an outline, or why there is none."""
 
-    kernel: Kernel | None
+    model: ErrorModel | None
     refusal: str
 
 
@@ -100,22 +101,23 @@ class LivePlanner:
         self.terrain = terrain
         self.crs = crs
         self._priors: ResultCache[Dem] = ResultCache()
-        self._kernels: ResultCache[Fitted] = ResultCache()
+        self._models: ResultCache[Fitted] = ResultCache()
         self._plans: ResultCache[AreaPlan] = ResultCache()
         self._planning = Lock()
 
     def quick(self, document: PlanDocument) -> LivePlan:
         """Plan with the covariance that is at hand."""
         area = document.survey_area(self.crs)
-        fitted = self._kernels.get(area.bounds)
+        fitted = self._models.get(self._key(document, area))
         if fitted is not None:
             return self._with(document, area, fitted, is_provisional=False)
-        return self._with(document, area, self._kernels.latest() or Fitted(None, ""), is_provisional=True)
+        return self._with(document, area, self._moved(area), is_provisional=True)
 
     def exact(self, document: PlanDocument) -> LivePlan:
         """Plan with the covariance of the document's outline, as ``firnline plan`` does; see `quick`."""
         area = document.survey_area(self.crs)
-        fitted = self._kernels.computed(area.bounds, lambda: self._fitted(area))
+        key = self._key(document, area)
+        fitted = self._models.computed(key, lambda: self._fitted(area, self._request(document).assumptions))
         return self._with(document, area, fitted, is_provisional=False)
 
     def prior(self, area: SurveyArea) -> Dem:
@@ -125,27 +127,44 @@ class LivePlanner:
     def _read(self, bounds: Bounds, crs: CRS) -> Dem:
         return read_about(self.terrain, bounds, crs, "the prior")
 
-    def _fitted(self, area: SurveyArea) -> Fitted:
+    def _request(self, document: PlanDocument) -> PlanRequest:
+        return request_of(document, Path("site.gpkg"), self.terrain, Path("route.geojson"))
+
+    def _key(self, document: PlanDocument, area: SurveyArea) -> Hashable:
+        """Return what decides the predictor of errors."""
+        return area.free.wkb, self._request(document).assumptions
+
+    def _fitted(self, area: SurveyArea, assumed: planners.MapAssumptions) -> Fitted:
         try:
-            return Fitted(planners.prior_kernel(self.prior(area), area), "")
+            return Fitted(planners.prior_model(self.prior(area), area, assumed), "")
         except InputError as error:
             return Fitted(None, str(error))
+
+    def _moved(self, area: SurveyArea) -> Fitted:
+        """Return the predictor of the outline before, for another outline."""
+        latest = self._models.latest()
+        if latest is None or latest.model is None:
+            return Fitted(None, "")
+        return Fitted(latest.model.over(area, self.prior(area)), "")
 
     def _with(
         self, document: PlanDocument, area: SurveyArea, fitted: Fitted, *, is_provisional: bool
     ) -> LivePlan:
-        key = (document.model_dump_json(exclude={"requirement"}), fitted)
-        plan = self._plans.computed(key, lambda: self._planned(document, area, fitted.kernel))
+        posterior = None if fitted.model is None else fitted.model.posterior
+        key = (
+            document.model_dump_json(exclude={"requirement"}),
+            self._request(document).assumptions,
+            posterior,
+        )
+        plan = self._plans.computed(key, lambda: self._planned(document, area, fitted.model))
         return LivePlan(plan, is_provisional, fitted.refusal)
 
-    def _planned(self, document: PlanDocument, area: SurveyArea, kernel: Kernel | None) -> AreaPlan:
-        config: Any = checked_options(
-            request_of(document, Path("site.gpkg"), self.terrain, Path("route.geojson"))
-        )
+    def _planned(self, document: PlanDocument, area: SurveyArea, model: ErrorModel | None) -> AreaPlan:
+        config: Any = checked_options(self._request(document))
         homes_of(area, Crew(config.rover, config.fleet))
         prior = self.prior(area)
         with self._planning:
-            return area_plan(config, area, prior, kernel)
+            return area_plan(config, area, prior, model)
 
 
 def plan_once() -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from desk.plan.document import PlanDocument, Setting
 from firnline.actions.plan_request import PlanRequest
-from planners.guarantee.requirement import SURFACE_NAMES
+from planners.prediction.assumptions import SURFACE_NAMES
 from planners.registry import PLANNERS
 from planners.routes.rover import Fleet, Rover
 from sim.config.mission import MissionConfig
@@ -27,13 +27,15 @@ REQUIREMENTS = (
     "assume", "micro_relief_m", "shared_m",
 )  # fmt: skip
 """Options of a required class or error, in the order of the form."""
+_ASSUMED = REQUIREMENTS[4:] + ("surface",)
+"""Those of them that every predicted error rests on."""
 _SPELLINGS = {"noise_m": "noise", "localization_m": "localization", "prior_sigma_m": "prior-sigma"}
 _SPELLINGS |= {"micro_relief_m": "micro-relief", "shared_m": "shared", "max_swaths": "max-swaths"}
 
 
 def request_of(document: PlanDocument, area: Path, terrain: Path, out: Path) -> PlanRequest:
     """Return the options with which ``firnline plan`` makes the plan of a document."""
-    return PlanRequest(source=area, out=out, prior=terrain, **_given(document))
+    return PlanRequest(source=area, out=out, prior=terrain, **_given(document), **_assumed(document))
 
 
 def requirement_request(document: PlanDocument, terrain: Path) -> PlanRequest:
@@ -51,7 +53,7 @@ def command_of(document: PlanDocument, area: str, terrain: str, out: str, *, req
     ['pattern wavy', 'swaths 6', 'set rover.max_pitch_deg=20.0 -o route.geojson']
     """
     words = ["firnline", "plan", area, "--prior", terrain]
-    given = _required(document) if required else _given(document)
+    given = _required(document) if required else _given(document) | _assumed(document)
     settings = given.pop("settings", ())
     for name, value in given.items():
         words += [f"--{_SPELLINGS.get(name, name)}", str(value)]
@@ -75,6 +77,11 @@ def _given(document: PlanDocument) -> dict[str, Any]:
         if value is not None
     )
     return given | ({"settings": settings} if settings else {})
+
+
+def _assumed(document: PlanDocument) -> dict[str, Any]:
+    """Return the stated options that the predicted error rests on."""
+    return {name: value for name, value in _required(document).items() if name in _ASSUMED}
 
 
 def _required(document: PlanDocument) -> dict[str, Any]:

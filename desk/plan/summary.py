@@ -1,6 +1,5 @@
 """What the page shows of a plan: legs and numbers, the predicted error as an image, and the drive in time."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from desk.terrain.shading import DEVIATION
 from desk.terrain.tiles import picture
 from firnline.actions.plan_request import fact_texts
 from firnline.actions.planning import AreaPlan
-from planners.prediction import predict_error
 from planners.routes.rover import Rover, energy_per_metre
 from planners.swaths.reference_lines import swaths_text
 from survey import Dem, Route
@@ -29,7 +27,7 @@ def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str
     return {
         "is_provisional": live.is_provisional,
         "no_error_because": live.no_error_because,
-        "has_error": live.plan.kernel is not None and "rmse_m" in route.prediction,
+        "has_error": live.plan.model is not None and "rmse_m" in route.prediction,
         "legs": [{"kind": leg.kind, "rover": leg.rover, "places": leg.xy.tolist()} for leg in route.legs],
         "n_rovers": route.n_rovers,
         "swaths": swaths_text(route),
@@ -54,7 +52,6 @@ def _rings(polygon: Polygon) -> list[list[list[float]]]:
 
 _COARSE_NODES_ALONG = 24
 _COARSE_SAMPLES = 300
-_SAMPLE_STEP_M = 10.0
 
 
 def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
@@ -71,7 +68,7 @@ def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
     return {
         **picture(std, DEVIATION, 0.0, top_m),
         "top_m": top_m,
-        "rmse_m": float(np.sqrt(np.mean(known**2))),
+        "rmse_m": plan.route.prediction["rmse_m"],
         "p95_m": float(np.percentile(known, 95.0)),
         "worst_m": float(known.max()),
     }
@@ -79,19 +76,12 @@ def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
 
 def _coarse_std(plan: AreaPlan) -> Dem | None:
     """Return the standard deviation on few nodes, from samples that are means of neighbours."""
-    drawing = plan.drawing
-    if drawing.kernel is None:
+    if plan.drawing.model is None:
         return None
     xmin, ymin, xmax, ymax = plan.area.bounds
-    step_m = max(_SAMPLE_STEP_M, plan.route.length_m / _COARSE_SAMPLES)
-    return predict_error(
-        plan.route,
-        plan.area,
-        drawing.kernel,
-        noise_m=drawing.noise_m * math.sqrt(_SAMPLE_STEP_M / step_m),
-        sample_step_m=step_m,
-        cell_m=max(xmax - xmin, ymax - ymin) / _COARSE_NODES_ALONG,
-    ).std
+    cell_m = max(xmax - xmin, ymax - ymin) / _COARSE_NODES_ALONG
+    model = plan.drawing.model.for_comparisons().with_cells(cell_m)
+    return model.error(plan.route, _COARSE_SAMPLES).std
 
 
 _N_SAMPLES = 400

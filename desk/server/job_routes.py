@@ -46,7 +46,9 @@ def _mission(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str
     job.report("stage", stage="writing the mission", done=0, total=7)
     live = workspace.planner.exact(document)
     folder = workspace.folder / f"{workspace.name}_mission"
-    return mission_run(write_mission(live, document, workspace.name, folder), live.plan.kernel, job)
+    model = live.plan.model
+    kernel = None if model is None else model.posterior.likeliest.kernel
+    return mission_run(write_mission(live, document, workspace.name, folder), kernel, job)
 
 
 def _map(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from survey.core import ConfigError, InputError, length_text
 if TYPE_CHECKING:
     from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
-    from planners.guarantee.requirement import MapRequirement, Surface
+    from planners.guarantee.requirement import MapRequirement
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import PredictedSurvey
 
@@ -41,14 +41,8 @@ def requirement_of(request: PlanRequest) -> "MapRequirement":
     return MapRequirement(
         limit_of(str(request.require)),
         request.probability,
-        noise_m=request.noise_m,
-        localization_m=request.localization_m,
-        prior_sigma_m=request.prior_sigma_m,
-        assumed=request.assume,
-        surface=cast("Surface", request.surface),
-        micro_relief_m=request.micro_relief_m,
-        shared_m=request.shared_m,
         max_swaths=request.max_swaths,
+        **vars(request.assumptions),
     )
 
 
@@ -89,8 +83,16 @@ def refusal_text(made: "Guarantee") -> str:
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
-        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}--adaptive "
-        "learns how rough the ground is from its first swaths."
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}{_way_out(made)}"
+    )
+
+
+def _way_out(made: "Guarantee") -> str:
+    """Return what other numbers of swaths reach, and how the best of them is planned."""
+    options = "; ".join(str(one) for one in made.options)
+    return (
+        f"predicted are {options}; --swaths {made.config.swaths} --pattern {made.config.pattern} instead of --require plans the "
+        "densest, and --adaptive learns how rough the ground is from its first swaths."
     )
 
 
@@ -139,6 +141,7 @@ class GuaranteedPlan(PlanResult):
             "simulated_shares": {
                 name: made.simulated.share(limit_m, name) for name in dict.fromkeys(made.simulated.grounds)
             },
+            "options": [one._asdict() for one in made.options],
             "stakes": None if made.stakes is None else str(made.stakes),
             "assumed": made.assumptions,
         } | {
@@ -173,7 +176,10 @@ class GuaranteedPlan(PlanResult):
             f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
             f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
         )
-        return [first, *(fact_line(name, text) for name, text in facts.items())]
+        options = [
+            fact_line("predicted are" if k == 0 else "", str(one)) for k, one in enumerate(made.options)
+        ]
+        return [first, *(fact_line(name, text) for name, text in facts.items()), *options]
 
 
 def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> GuaranteedPlan:
@@ -181,8 +187,7 @@ def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> G
     requirement = requirement_of(request)
     area, prior = prior_of(request)
     made = found_guarantee(area, prior, requirement, progress)
-    best = made.posterior.likeliest
-    drawing = PlanDrawing(area, prior, best.kernel, best.noise_m)
+    drawing = PlanDrawing(area, prior, planners.prior_model(prior, area, request.assumptions))
     return GuaranteedPlan(request=request, route=made.route, drawing=drawing, guarantee=made)
 
 

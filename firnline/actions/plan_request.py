@@ -4,32 +4,39 @@ The options are checked against one another before any work. A plan is a route w
 QGIS project, with the predicted standard deviation of the map.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+import json
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import planners
 import survey
 from firnline.actions.interface import (
     Argument,
     Option,
+    Result,
     WrittenResult,
     chosen_area,
     own_crs,
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, RunOptions, Select
+from firnline.actions.requests import Above, Below, Lengths, NoPictures, Product, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
+    from planners.prediction.assumptions import MapAssumptions, Surface
+    from planners.prediction.error_model import ErrorModel
     from planners.routes.traversability import LeftOut
     from survey.figures.plans import PlanContent, RoverEffort
-    from survey.reconstruction.gp.kernels import Kernel
     from survey.reporting.qgis import QgisGroup
 
+
+logger = logging.getLogger(__name__)
 
 _ROUTES = (".geojson", ".gpkg")
 _FORMATS = (*_ROUTES, ".pdf", ".qgz")
@@ -76,6 +83,7 @@ class PlanRequest(RunOptions):
         float | None,
         Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None
+    product: Product = None
     no_go: Annotated[
         Path | None, Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it.")
     ] = None
@@ -86,19 +94,17 @@ class PlanRequest(RunOptions):
     probability: Annotated[
         float, Option("--probability", help="Probability of the guarantee, above 0.5 and at most 0.999.")
     ] = 0.9
-    noise_m: Annotated[
-        float, Option("--noise", help="Standard deviation of a sample's height, for the guarantee [m].")
-    ] = 0.1
+    noise_m: Annotated[float, Option("--noise", help="Standard deviation of a sample's height [m].")] = 0.1
     localization_m: Annotated[
         float,
         Option(
             "--localization",
-            help="Standard deviation of the rover's position, east and north each, for the guarantee [m].",
+            help="Standard deviation of the rover's position, east and north each [m].",
         ),
     ] = 0.0
     prior_sigma_m: Annotated[
         float,
-        Option("--prior-sigma", help="Standard deviation of a cell of the prior, for the guarantee [m]."),
+        Option("--prior-sigma", help="Standard deviation of a cell of the prior [m]."),
     ] = 1.0
     assume: Annotated[
         str | None,
@@ -111,7 +117,7 @@ class PlanRequest(RunOptions):
         str,
         Option(
             "--surface",
-            help="Class of the ground, for the guarantee: bare-ice, snow, moraine, bedrock or unknown.",
+            help="Class of the ground: bare-ice, snow, moraine, bedrock or unknown.",
         ),
     ] = "unknown"
     micro_relief_m: Annotated[
@@ -172,6 +178,7 @@ class PlanRequest(RunOptions):
             help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
         ),
     ] = Path("route.geojson")
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace the route and its picture where they exist.")] = (
         False
     )
@@ -181,7 +188,10 @@ class PlanRequest(RunOptions):
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:
             files = {"route": self.out, "picture": self.out.with_suffix(".png")}
-            return files if self.season is None else files | self._season_files
+            files = files if self.season is None else files | self._season_files
+            return {
+                name: file for name, file in files.items() if not (self.no_pictures and file.suffix == ".png")
+            }
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
         if self.out.suffix.lower() == ".qgz":
             area, terrain = (
@@ -198,6 +208,13 @@ class PlanRequest(RunOptions):
             name: self.out.with_name(f"{self.out.stem}_season{suffix}")
             for name, suffix in (("table", ".csv"), ("errors", ".png"))
         }
+
+    def remove_old_pictures(self) -> None:
+        """Remove the pictures of a plan that was replaced, where none are drawn of the new one."""
+        if self.no_pictures and self.force:
+            for file in replace(self, no_pictures=False).files.values():
+                if file.suffix == ".png":
+                    file.unlink(missing_ok=True)
 
     @property
     def written(self) -> dict[str, str]:
@@ -223,6 +240,19 @@ class PlanRequest(RunOptions):
             if name in known and getattr(self, name) not in (None, False, (), [])
         ]
 
+    @property
+    def assumptions(self) -> "MapAssumptions":
+        """Errors of samples and prior, and the class of surface, that the predicted error rests on."""
+        return planners.MapAssumptions(
+            noise_m=self.noise_m,
+            localization_m=self.localization_m,
+            shared_m=self.shared_m,
+            prior_sigma_m=self.prior_sigma_m,
+            surface=cast("Surface", self.surface),
+            micro_relief_m=self.micro_relief_m,
+            assumed=self.assume,
+        )
+
     def check_outputs(self) -> None:
         """Refuse outputs that exist, are inputs, cannot be written or have an unknown format.
 
@@ -236,12 +266,15 @@ class PlanRequest(RunOptions):
                 f"the plan {self.out} ends in {self.out.suffix!r}; one of {', '.join(_FORMATS)} was expected "
                 "(firnline export writes other formats from it)."
             )
+        if self.no_pictures and self.out.suffix.lower() == ".pdf":
+            raise InputError(
+                f"the sheets {self.out} are pictures; leave --no-pictures out, or write a route (.geojson)."
+            )
         inputs = (self.source, self.prior, self.no_go, self.driven, self.measured)
         refuse_existing(self.files.values(), force=self.force, inputs=inputs)
 
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
-        from planners.routes.traversability import without_marked
         from survey.io.vector import require_transformation
 
         crs: Any = self.crs
@@ -256,8 +289,14 @@ class PlanRequest(RunOptions):
             else read_about(self.prior, area.bounds, area.crs, "the prior", units=self.units)
         )
         if self.no_go is not None:
+            from planners.routes.traversability import without_marked
+
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)
+        if prior is not None and self.product is not None and self.max_slope is not None:
+            from planners.routes.traversability import slope_text
+
+            logger.warning("%s", slope_text(prior, area, self.max_slope, self.product))
         return area, prior
 
 
@@ -266,12 +305,11 @@ _NODES_ALONG = 60
 
 @dataclass(frozen=True)
 class PlanDrawing:
-    """What is drawn of a plan beside its route; `kernel` is the covariance of the predicted error, if any."""
+    """What is drawn of a plan beside its route; `model` predicts the error of the map, if it can be predicted."""
 
     area: "survey.SurveyArea"
     terrain: "survey.Dem | None" = None
-    kernel: "Kernel | None" = None
-    noise_m: float = 0.0
+    model: "ErrorModel | None" = None
     rover: "planners.Rover | None" = None
     left_out: "tuple[LeftOut, ...]" = ()
     assumptions: tuple[str, ...] = field(default_factory=tuple)
@@ -283,10 +321,11 @@ class PlanDrawing:
         return max(xmax - xmin, ymax - ymin) / _NODES_ALONG
 
     def std(self, route: "survey.Route", cell_m: float | None = None) -> "survey.Dem | None":
-        """Return the predicted standard deviation of the map; None where no covariance is known."""
-        if self.kernel is None:
+        """Return the predicted standard deviation of the map; None where it cannot be predicted."""
+        if self.model is None:
             return None
-        return planners.predict_error(route, self.area, self.kernel, noise_m=self.noise_m, cell_m=cell_m).std
+        model = self.model if cell_m is None else self.model.with_cells(cell_m)
+        return model.error(route).std
 
 
 def write_plan_project(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
@@ -355,16 +394,45 @@ class PlanResult(WrittenResult):
         The route; None where no more driving is needed.
     drawing : PlanDrawing
         What is drawn beside it.
+    remarks : tuple of str
+        What was said of the inputs, such as gaps between outlines that were closed.
     """
 
     request: PlanRequest
     route: "survey.Route | None"
     drawing: PlanDrawing
+    remarks: tuple[str, ...] = ()
+
+    def as_json(self) -> str:
+        """Return the facts and notes as JSON."""
+        return json.dumps(self.facts() | {"notes": [*self.notes, *self.remarks]}, indent=2)
 
     def _write_files(self) -> None:
         """Write the files of the plan; all replace what was there, or none does."""
         if self.route is not None:
-            write_plan(self.request, self.route, self.drawing)
+            assumptions = (*self.drawing.assumptions, *self.remarks)
+            write_plan(self.request, self.route, replace(self.drawing, assumptions=assumptions))
+            self.request.remove_old_pictures()
+
+
+def with_remarks(make: Callable[[], Result]) -> Result:
+    """Make a plan, and give it what the log warns of meanwhile."""
+    remarks: list[str] = []
+    root, handler = logging.getLogger(), logging.Handler(logging.WARNING)
+    shown = logging.lastResort if not root.handlers else None  # which prints where nobody handles records
+
+    def keep(record: logging.LogRecord) -> None:
+        remarks.append(record.getMessage())
+        if shown is not None:
+            shown.handle(record)
+
+    handler.emit = keep  # type: ignore[method-assign]
+    root.addHandler(handler)
+    try:
+        made = make()
+    finally:
+        root.removeHandler(handler)
+    return replace(made, remarks=tuple(remarks)) if isinstance(made, PlanResult) else made
 
 
 def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
@@ -379,7 +447,7 @@ def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing
 
 def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
     """Return title and text of each number that is expected of a route, by its name."""
-    texts = {
+    texts: dict[str, tuple[str, Callable[[float], str]]] = {
         "length_m": ("length", length_text),
         "n_turns": ("turns", "{:.0f}".format),
         "time_s": ("time", duration_text),
@@ -387,12 +455,14 @@ def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
         "n_recharges": ("recharges", "{:.0f}".format),
         "transit_share": ("transit", "{:.1%} of the swaths' length".format),
         "left_out_share": ("left out", "{:.1%} of the area".format),
-        "rmse_m": ("predicted RMSE", "{:.2f} m".format),
+        "rmse_m": ("predicted RMSE", partial(_error_text, prediction)),
         "map_scale": ("scale of the CRS", "{:.6f}".format),
         "prior_covered_share": ("prior", "covers {:.1%} of the area".format),
     }
     rows = {}
     for name, value in prediction.items():
+        if name in ("rmse_low_m", "rmse_high_m"):
+            continue  # part of the text of the RMSE
         title, text = texts.get(name, (name.replace("_", " ").removesuffix(" m"), "{:.4g}".format))
         if name.startswith("wait_s_rover_"):
             title, text = f"rover {int(name.rsplit('_', 1)[1]) + 1} departs after", duration_text
@@ -400,9 +470,21 @@ def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
     return rows
 
 
+def _error_text(prediction: Mapping[str, float], rmse_m: float) -> str:
+    """Return the expected error with the bounds that it lies between with 80 %."""
+    if "rmse_low_m" not in prediction:
+        return f"{rmse_m:.2f} m"
+    return f"{rmse_m:.2f} m ({prediction['rmse_low_m']:.2f} to {prediction['rmse_high_m']:.2f} m with 80 %)"
+
+
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
 
     from survey.core import replacing_files
+
+    if request.no_pictures:
+        with replacing_files(request.out) as (route_file,):
+            route.write(route_file)
+        return
     from survey.figures import plan_map, png_bytes
 
     pieces = [piece.polygon for piece in drawing.left_out]

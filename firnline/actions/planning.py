@@ -16,40 +16,37 @@ from firnline.actions.guaranteeing import (
     survey_options,
 )
 from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, previewed_by
-from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts, with_remarks
 from firnline.actions.season import plan_season
 from survey.core import ConfigError, InputError, area_text
 
 if TYPE_CHECKING:
+    from planners.prediction.error_model import ErrorModel
     from planners.routes.traversability import LeftOut
-    from survey.reconstruction.gp.kernels import Kernel
 
 
 _DEFAULT_SWATHS = 4
-_NOISE_M = 0.1
-_NOT_INCLUDED = "relief finer than the prior's cells and errors of the rover's position"
+_NOT_INCLUDED = "errors of position that grow along the path (--require with --joint predicts them)"
 
 
 @dataclass(frozen=True)
 class AreaPlan:
-    """Route of an area with what it was planned from; `kernel` is the covariance of the terrain, if one is known."""
+    """Route of an area with what it was planned from; `model` predicts the error of its map, if it can be predicted."""
 
     area: "survey.SurveyArea"
     prior: "survey.Dem | None"
     rover: "planners.Rover"
-    kernel: "Kernel | None"
+    model: "ErrorModel | None"
     route: "survey.Route"
     left_out: "tuple[LeftOut, ...]"
 
     @property
     def drawing(self) -> PlanDrawing:
         """What is drawn of it, with the predicted error of the map where the plan states one."""
-        if self.kernel is None or "rmse_m" not in self.route.prediction:
+        if self.model is None or "rmse_m" not in self.route.prediction:
             return PlanDrawing(self.area, self.prior, rover=self.rover, left_out=self.left_out)
-        sentence = _assumption(self.kernel)
-        return PlanDrawing(
-            self.area, self.prior, self.kernel, _NOISE_M, self.rover, self.left_out, (sentence,)
-        )
+        sentence = _assumption(self.model)
+        return PlanDrawing(self.area, self.prior, self.model, self.rover, self.left_out, (sentence,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +78,7 @@ class AreaPlanResult(PlanResult):
             *(fact_line(title, text) for title, text in fact_texts(self.route.prediction).values()),
         ]
         if "rmse_m" in self.route.prediction:
-            remedy = "--require counts the first, --require with --joint the second"
-            lines.append(fact_line("RMSE excludes", f"{_NOT_INCLUDED} ({remedy})"))
+            lines.append(fact_line("RMSE excludes", _NOT_INCLUDED))
         return lines
 
 
@@ -94,9 +90,9 @@ def plan_area(request: PlanRequest, progress: Progress = no_progress) -> AreaPla
     area, dem = request.read_area()
     homes_of(area, Crew(config.rover, config.fleet))
     progress("fitting the terrain's covariance", 0, 1)
-    kernel, refusal = (None, "") if dem is None else _kernel(dem, area)
+    model, refusal = (None, "") if dem is None else _model(dem, area, request.assumptions)
     progress("fitting the terrain's covariance", 1, 1)
-    made = area_plan(config, area, dem, kernel, progress)
+    made = area_plan(config, area, dem, model, progress)
     return AreaPlanResult(request=request, route=made.route, drawing=made.drawing, no_error_because=refusal)
 
 
@@ -104,17 +100,17 @@ def area_plan(
     config: Any,
     area: "survey.SurveyArea",
     prior: "survey.Dem | None",
-    kernel: "Kernel | None",
+    model: "ErrorModel | None",
     progress: Progress | None = None,
 ) -> AreaPlan:
     """Plan a route with the sections that `checked_options` returns."""
     from planners.routes.traversability import drivable
 
     route = planners.plan(
-        area, prior, config.planner, rover=config.rover, fleet=config.fleet, kernel=kernel, progress=progress
+        area, prior, config.planner, rover=config.rover, fleet=config.fleet, model=model, progress=progress
     )
     left_out = drivable(area, config.rover, prior).left_out
-    return AreaPlan(area, prior, config.rover, kernel, route, left_out)
+    return AreaPlan(area, prior, config.rover, model, route, left_out)
 
 
 def checked_options(request: PlanRequest) -> Any:
@@ -159,32 +155,36 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
     sections: dict[str, Any] = {"planner": {"pattern": name} | (given or _default_size(name))}
     if request.rovers is not None:
         sections["fleet"] = {"rovers": request.rovers}
-    if request.max_slope is not None:
-        sections["rover"] = {"max_pitch_deg": request.max_slope, "max_roll_deg": request.max_slope}
+    limits = {
+        "max_pitch_deg": request.max_slope,
+        "max_roll_deg": request.max_slope,
+        "slope_product": request.product,
+    }
+    sections["rover"] = {name: value for name, value in limits.items() if value is not None}
     return sections
 
 
-def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "tuple[Kernel | None, str]":
-    """Return the likeliest covariance of the prior; None, with the reason, where it is too coarse."""
+def _model(
+    dem: "survey.Dem", area: "survey.SurveyArea", assumed: "planners.MapAssumptions"
+) -> "tuple[ErrorModel | None, str]":
+    """Return the predictor of errors; None, with the reason, where the prior is too coarse."""
     try:
-        return planners.prior_kernel(dem, area), ""
+        return planners.prior_model(dem, area, assumed), ""
     except InputError as error:
         return None, str(error)
 
 
-def _assumption(kernel: "Kernel") -> str:
+def _assumption(model: "ErrorModel") -> str:
     """Return in a sentence what the predicted error rests on."""
-    from survey.reconstruction.gp.kernels import KINDS
-
-    family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
+    families = " or ".join(one.cell.family for one in model.posterior.kernels)
     return (
-        f"Predicted error: terrain with the covariance that the prior makes likeliest ({family}), samples with "
-        f"noise of {_NOISE_M:g} m; {_NOT_INCLUDED} are not included."
+        f"Predicted error: map of the samples and of the prior; terrain as rough as the prior makes likely ({families}), "
+        f"samples with noise of {model.errors.noise_m:g} m and {model.errors.shared_m:g} m that they share; without {_NOT_INCLUDED}."
     )
 
 
 _OF_A_MISSION = (
-    "swaths", "spacing", "budget", "rmse", "prior", "crs", "no_go", "rovers", "max_slope", "pattern",
+    "swaths", "spacing", "budget", "rmse", "prior", "crs", "no_go", "rovers", "max_slope", "product", "pattern",
 )  # fmt: skip
 _OF_AN_AREA = (
     "joint",
@@ -193,13 +193,14 @@ _OF_AN_AREA = (
     "measured",
     "assume",
     "force",
+    "no_pictures",
     "season",
     "dates",
     "select",
     "above",
     "below",
 )
-_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
+_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope", "product")
 
 
 def preview_plan(request: PlanRequest) -> Preview:
@@ -234,7 +235,7 @@ def plan(request: PlanRequest, progress: Progress = no_progress) -> Result:
     InputError
         Input that cannot be used, or an output that exists.
     """
-    return mode_of(request)(request, progress)
+    return with_remarks(lambda: mode_of(request)(request, progress))
 
 
 def check_mission_plan(request: PlanRequest) -> None:

@@ -16,8 +16,8 @@ from live.watch.live_map import LiveMap
 from live.watch.samples import Sample, SampleGate
 from planners.config import settings_factor
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveState
-from planners.guarantee.error_distribution import MapPrediction
 from planners.guarantee.requirement import reachable_class
+from planners.prediction.error_distribution import MapPrediction
 from survey import Grid, InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.kernels import Kernel

@@ -13,7 +13,7 @@ By the law of total expectation
 where the survey stops only at a probability of p or more, whatever else the rule depends on and however often it is
 evaluated: a posterior probability keeps its meaning under optional stopping (Rouder 2014, Psychonomic Bulletin & Review 21,
 301; Hendriksen, de Heide and Grünwald 2021, Bayesian Analysis 16, 961). That needs a posterior that is right on average:
-the roughness is therefore checked on lines left out (`planners.guarantee.kernel_posterior`), and what remains is a spread
+the roughness is therefore checked on lines left out (`planners.prediction.kernel_posterior`), and what remains is a spread
 measured on real ground.
 
 `AdaptiveState` holds what was driven and measured, with the posterior. `next_swath` plans one swath from it, and
@@ -29,11 +29,11 @@ import shapely
 
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import settings_factor
-from planners.guarantee.error_distribution import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
-from planners.guarantee.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
+from planners.prediction.error_distribution import FITTED_KERNEL_INFLATION, MapPrediction, MapPredictor
+from planners.prediction.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
 from planners.routes.traversability import on_free_ground
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, InputError, Leg, Route, SurveyArea
@@ -102,9 +102,7 @@ class AdaptiveState:
     def __init__(self, area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig) -> None:
         self.config, self.posterior = config, posterior
         self.lines = SurveyLines(area, config.heading_deg)
-        self.predictor = LimitPredictor(
-            area, config.limit_m, config.sample_step_m, FITTED_KERNEL_INFLATION, config.shared_m
-        )
+        self.predictor = MapPredictor(area, config.sample_step_m, FITTED_KERNEL_INFLATION)
         self.most = config.max_swaths or max(
             MOST_SWATHS, int(self.lines.width_m / (2.0 * config.sample_step_m))
         )
@@ -186,12 +184,17 @@ class AdaptiveState:
 
     def predicted_with(self, lines: Sequence[tuple[float, float]]) -> MapPrediction:
         """Predict the map once the lines and the ways to them are driven too."""
-        return self.predictor.of(self._samples_with(lines), self.posterior)
+        return self._predicted(self._samples_with(lines), self.posterior)
 
     def _planned_with(self, lines: Sequence[tuple[float, float]]) -> MapPrediction:
         """Predict the map as it will be judged once the lines are driven: they settle what samples leave open."""
         settled = replace(self.posterior, open_spread=0.0) if self.is_fitted else self.posterior
-        return self.predictor.of(self._samples_with(lines), settled)
+        return self._predicted(self._samples_with(lines), settled)
+
+    def _predicted(self, xy: FloatArray, posterior: KernelPosterior) -> MapPrediction:
+        """Predict the map of samples at places (N, 2) [m]."""
+        found = self.predictor.distribution(xy, posterior).with_shared(self.config.shared_m)
+        return MapPrediction(found.probability(self.config.limit_m), found.rmse_m)
 
     def _samples_with(self, lines: Sequence[tuple[float, float]]) -> FloatArray:
         """Return the places (N, 2) of the samples once the lines and the ways to them are driven too [m]."""
@@ -209,7 +212,8 @@ class AdaptiveState:
         return np.vstack(planned)
 
     def drive(self, line: tuple[float, float], measure: MeasureHeights) -> None:
-        """Drive to a line and along it, and take samples all the way."""
+        """Drive to a line and along it, on free ground alone, and take samples all the way."""
+        area, n_before = self.lines.area, len(self.legs)
         for piece in self._pieces(line, self.here):
             before = len(self.legs)
             if self.legs and np.hypot(*(piece[0] - self.legs[-1].xy[-1])) > 0.0:
@@ -220,6 +224,8 @@ class AdaptiveState:
             self.samples = np.vstack([self.samples, xy])
             self.heights = np.append(self.heights, measure(xy))
         self.offsets.append(line[0])
+        if len(self.legs) > n_before:
+            on_free_ground(Route(tuple(self.legs[n_before:]), area.crs, "adaptive"), area.free)
 
     def _pieces(self, line: tuple[float, float], here: FloatArray | None) -> list[FloatArray]:
         """Return what is driven on a line, piece by piece from the end that is nearer."""
@@ -238,7 +244,7 @@ class AdaptiveState:
         line = self.lines.nearest(self.samples, self.offsets)
         self.posterior = checked_by_lines(posterior, self.samples, self.heights, line)
         self.is_fitted = True
-        self.predicted = self.predictor.of(self.samples, self.posterior)
+        self.predicted = self._predicted(self.samples, self.posterior)
 
 
 def _fitted(xy: FloatArray, heights: FloatArray, config: AdaptiveConfig) -> KernelPosterior:
@@ -303,7 +309,7 @@ def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveC
                 f"{state.predicted.rmse_m:.2f} m, ask for a larger error."
             )
         state.drive(state.nearest(lines), _unmeasured)
-    return on_free_ground(Route(tuple(state.legs), area.crs, "adaptive"), area)
+    return Route(tuple(state.legs), area.crs, "adaptive")
 
 
 def next_swath(

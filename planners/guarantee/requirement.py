@@ -1,102 +1,14 @@
-"""Requirement on a map: the largest error, its probability, the errors of the samples, and the class of surface.
+"""Requirement on a map: the largest error, its probability, the errors of the samples, and the class of surface."""
 
-The class of surface states how rough the ground is below what a coarse prior resolves. A prior shows nothing finer than
-two or three of its cells. Finer relief is extrapolated through covariances whose smoothness is that of measured ground
-of the same class, and what samples cannot separate is added as micro-relief.
-
-- Bare ice: drone profiles near station S5, Greenland, after a high-pass at 35 m have standard deviations of
-  0.28 to 0.62 m and a free smoothness of 1.54 (van Tiggelen et al. 2021, The Cryosphere 15, 2601; see
-  `survey.terrain.micro_relief`). Roughness of glacier ice depends on scale in the same way (Rees and Arnold 2006,
-  Journal of Glaciology 52, 214).
-- Moraine, bedrock: natural surfaces have profiles with spectra near k⁻² (Sayles and Thomas 1978, Nature 271, 431),
-  and roughness exponents of 0.3 to 1 (Shepard et al. 2001, Journal of Geophysical Research 106, 32777), thus the two
-  roughest families.
-- Snow: wind smooths it; the smooth families, and a few centimetres of sastrugi.
-- Unknown: hills, drumlins, a lake shore and an alpine bowl in airborne lidar, the development half of
-  ``python -m benchmarks.promise_on_real_ground``: surveys of 3 to 22 swaths on 45 windows are predicted by the geometric
-  mean of Matérn 3/2 and Whittle with weights of 0.65 and 0.35. The logarithm of actual over predicted error has a
-  standard deviation of 0.43, and a mean of 0.04. The families make 0.3 to 0.4 of it and what the cells leave open 0.32.
-  The means of the four landscapes have a standard deviation of 0.26, so that the scale of Student's distribution for
-  another landscape is 0.26 √(1 + 1/4) = 0.3. A spread of 0.15 was enough where each of the four was left out, but not on
-  the landscapes judged: with 0.2, 81 % and 92 % of the guarantees of 90 % and 95 % held.
-
-Spreads of the other classes are smaller, as they state more.
-"""
-
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, Self, get_args
+from dataclasses import dataclass
 
 import numpy as np
 
+from planners.prediction.assumptions import MapAssumptions, SampleErrors
 from survey import ConfigError
-from survey.reconstruction.gp.families import SearchedFamily
-from survey.reconstruction.gp.kernel_search import ALL
 from survey.scoring.standards.map_classes import map_classes
 
-Surface = Literal["bare-ice", "snow", "moraine", "bedrock", "unknown"]
-
-
-class SurfaceClass(NamedTuple):
-    """How rough a class of ground is below the resolution of a prior.
-
-    `weights`: weight of each family of covariance before the prior is looked at. `micro_relief_m`: standard
-    deviation of relief so fine that every sample sees another piece of it [m]. `spread`: scale of the
-    logarithm of actual over predicted roughness on ground of this class (Student's distribution).
-    """
-
-    weights: Mapping[SearchedFamily, float]
-    micro_relief_m: float
-    spread: float
-
-
-SURFACES: dict[Surface, SurfaceClass] = {
-    "bare-ice": SurfaceClass({"matern-3/2": 0.7, "whittle": 0.3}, 0.3, 0.16),
-    "snow": SurfaceClass({"squared-exponential": 0.4, "matern-5/2": 0.4, "matern-3/2": 0.2}, 0.03, 0.12),
-    "moraine": SurfaceClass({"matern-3/2": 0.4, "whittle": 0.6}, 0.15, 0.2),
-    "bedrock": SurfaceClass({"matern-3/2": 0.3, "whittle": 0.7}, 0.15, 0.2),
-    "unknown": SurfaceClass({"matern-3/2": 0.65, "whittle": 0.35}, 0.08, 0.3),
-}
-"""Measured or published roughness of each class of surface."""
-
-SURFACE_NAMES: tuple[Surface, ...] = get_args(Surface)
-
-# Roughness over 10 m on ground of slope 1, its powers of the lag and of the slope, and the spread about that.
-_TYPICAL_M, _TYPICAL_LAG_M, _TYPICAL_GROWTH, _SLOPE_POWER, _TYPICAL_SPREAD = 4.2, 10.0, 0.8, 0.6, 0.5
-# Slopes of the windows that the powers were measured on.
-_LEAST_SLOPE, _MOST_SLOPE = 0.02, 1.0
-
-
-class LogRoughness(NamedTuple):
-    """Mean and variance of the logarithm of a roughness [log m]."""
-
-    mean: float
-    variance: float
-
-
-def roughness_elsewhere(lag_m: float, slope: float) -> LogRoughness:
-    """Return how rough ground of a slope is on other landscapes.
-
-    The standard deviation of a difference of heights over 10 m, about the plane of a window of 150 to 300 m, grows with
-    the slope of that plane: on 61 windows of the four development landscapes of the benchmark as the power 0.6, to 4.2 m
-    at a slope of 1. It grows as the power 0.8 of the lag. The logarithm varies by 0.4 about that, and by 0.5 on a
-    landscape that is left out; without the slope by 0.7 and 0.9.
-
-    `lag_m`: distance between the two places [m].
-
-    >>> round(float(np.exp(roughness_elsewhere(20.0, slope=0.2).mean)), 2)
-    2.78
-    """
-    within = min(max(slope, _LEAST_SLOPE), _MOST_SLOPE)
-    mean = (
-        np.log(_TYPICAL_M) + _TYPICAL_GROWTH * np.log(lag_m / _TYPICAL_LAG_M) + _SLOPE_POWER * np.log(within)
-    )
-    return LogRoughness(float(mean), _TYPICAL_SPREAD**2)
-
-
 _LEAST_PROBABILITY, _MOST_PROBABILITY = 0.5, 0.999
-# No error of a survey is larger; squares of more do not fit a number.
-_LARGEST_M = 1e6
 
 
 def require_probability(probability: float) -> None:
@@ -112,73 +24,42 @@ def require_probability(probability: float) -> None:
 
 
 @dataclass(frozen=True)
-class ErrorLimit:
+class ErrorLimit(SampleErrors):
     """Largest error of a map, with the probability and the errors of samples that a plan assumes.
 
     `limit_m`: largest root mean square error of the map [m]. `probability`: probability with which the limit
-    has to be met, above 0.5 and at most 0.999. `noise_m`, `localization_m`: standard deviation of a sample's
-    height, and of the rover's place east and north [m]. `sample_step_m`: distance between samples [m].
-    `shared_m`: standard deviation of an error of height that all samples share, as of the path [m].
-    `max_swaths`: most swaths to consider; by default as many as are two samples apart, 30 or more.
+    has to be met, above 0.5 and at most 0.999. `max_swaths`: most swaths to consider; by default as many as are two
+    samples apart, 30 or more. The errors are those of `SampleErrors`.
     """
 
     limit_m: float
     probability: float = 0.9
-    noise_m: float = 0.1
-    localization_m: float = 0.0
-    sample_step_m: float = 10.0
-    shared_m: float = 0.05
     max_swaths: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_probability(self.probability)
-
-    def in_grid_metres(self, factor: float) -> Self:
-        """Return the settings with their horizontal lengths multiplied by a factor."""
-        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
-        return replace(self, sample_step_m=step_m, localization_m=localization_m)
 
 
 @dataclass(frozen=True)
-class MapRequirement(ErrorLimit):
-    """Requirement on a map, with the errors of the samples it is made from.
+class MapRequirement(ErrorLimit, MapAssumptions):
+    """Requirement on a map, with the errors of samples and prior, and the ground.
 
     `limit_m`: largest root mean square error of the map [m]. `probability`: probability with which the limit
-    has to be met, above 0.5 and at most 0.999. `noise_m`, `localization_m`: standard deviation of a sample's
-    height, and of the rover's place east and north [m]. `sample_step_m`: distance between samples [m].
-    `shared_m`: standard deviation of an error of height that all samples share, as of the path [m].
-    `max_swaths`: most swaths to consider; by default as many as are two samples apart, 30 or more.
-    `prior_sigma_m`: standard deviation of a cell of the prior [m]. `surface`: class of the ground, which says
-    how rough it is below the resolution of the prior. `micro_relief_m`: standard deviation of relief finer
-    than the samples [m]; that of the class by default. `n_simulations`: number of simulated surveys. `seed`:
-    seed of the simulated terrain. `assumed`: covariance family of the terrain; by default those of the class
-    of surface.
+    has to be met, above 0.5 and at most 0.999. `max_swaths`: most swaths to consider; by default as many as are two
+    samples apart, 30 or more. `n_simulations`: number of simulated surveys. `seed`: seed of the simulated terrain. The
+    rest are those of `MapAssumptions`.
     """
 
-    prior_sigma_m: float = 1.0
-    surface: Surface = "unknown"
-    micro_relief_m: float | None = None
     n_simulations: int = 60
     seed: int = 0
-    assumed: SearchedFamily | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("limit_m", "sample_step_m"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ConfigError(f"{name} is {getattr(self, name)}; it must be greater than 0.")
-        for name in ("noise_m", "localization_m", "shared_m", "prior_sigma_m", "micro_relief_m"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0.0):
-                raise ConfigError(f"{name} is {getattr(self, name)}; it must be 0 or greater.")
-            if value is not None and value > _LARGEST_M:
-                raise ConfigError(f"{name} is {value:g} m; {_LARGEST_M:g} m is the most.")
-        if self.surface not in SURFACE_NAMES:
-            raise ConfigError(f"{self.surface} is no class of surface; take {', '.join(SURFACE_NAMES)}.")
+        if not (np.isfinite(self.limit_m) and self.limit_m > 0.0):
+            raise ConfigError(f"limit_m is {self.limit_m}; it must be greater than 0.")
         if self.max_swaths is not None and self.max_swaths < 2:
             raise ConfigError(f"at most {self.max_swaths} swaths are allowed; allow 2 or more.")
-        if self.assumed is not None and self.assumed not in ALL:
-            raise ConfigError(f"{self.assumed} is no family of covariances; take {', '.join(ALL)}.")
         if self.n_simulations < 10:
             raise ConfigError(
                 f"{self.n_simulations} simulations are too few for a probability; take 10 or more."

@@ -6,10 +6,10 @@ with an inset and the default waves are among the candidates, so the choice is n
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import PositiveFloat, PositiveInt, model_validator
 
@@ -17,11 +17,13 @@ from planners.config import Corner, PatternConfig
 from planners.patterns.lawnmower import LAWNMOWER, LawnmowerConfig
 from planners.patterns.planner import LayoutTask, Planner, always
 from planners.patterns.wavy import WAVY, LinePattern, WavyConfig
-from planners.prediction import ErrorModel
 from planners.routes.rover import Crew
 from planners.swaths.reference_lines import narrowest_heading
 from survey import InputError, Route, SurveyArea
 from survey.core import Progress
+
+if TYPE_CHECKING:
+    from planners.prediction.error_model import ErrorModel
 
 
 class BestConfig(PatternConfig):
@@ -83,7 +85,7 @@ Sizer = Callable[[LinePattern], Choice | None]
 def choose(
     area: SurveyArea,
     config: BestConfig,
-    model: ErrorModel,
+    model: "ErrorModel",
     *,
     crew: Crew | None = None,
     progress: Progress | None = None,
@@ -97,6 +99,7 @@ def choose(
     the candidates, so the choice is never worse than either as the
     covariance of `model` has it.
 
+    >>> from planners.prediction.error_model import ErrorModel
     >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> area = SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), "EPSG:32608")
     >>> model = ErrorModel.of(area, SquaredExponential(20.0, 90.0), noise_m=0.1, cell_m=30.0)
@@ -104,7 +107,8 @@ def choose(
     True
     """
     lay = partial(_laid, LayoutTask(area, crew or Crew(), model))
-    sized = _counted(_sizer(lay, config, model), _n_shapes(area, config), progress)
+    quick = model.for_comparisons()
+    sized = _counted(_sizer(lay, config, quick), _n_shapes(area, config), progress)
     value = _least(config)
 
     def best_of(shapes: Iterable[LinePattern]) -> Choice:
@@ -116,7 +120,23 @@ def choose(
     straight = best_of(_straight(area, config))
     turned = best_of(_replaced(straight.config, heading_deg=heading) for heading in _headings(area, config))
     wavy = best_of(_default_wave(heading, config, model) for heading in _headings(area, config))
-    return min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
+    best = min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
+    return best if quick is model else _confirmed(best, lay, config, model)
+
+
+def _confirmed(
+    best: Choice, lay: Callable[[LinePattern], Route], config: BestConfig, model: "ErrorModel"
+) -> Choice:
+    """Return a choice with the error that the complete model predicts, and as many swaths as a wanted error needs."""
+
+    def of(n: int) -> Choice:
+        shape = _replaced(best.config, swaths=n)
+        route = lay(shape)
+        return Choice(shape, route, model.rmse_m(route))
+
+    if config.rmse_m is None:
+        return replace(best, rmse_m=model.rmse_m(best.route))
+    return _fewest(of, config.rmse_m, first=best.config.swaths or 1)
 
 
 def _laid(task: LayoutTask, shape: LinePattern) -> Route:
@@ -151,12 +171,12 @@ def _straight(area: SurveyArea, config: BestConfig) -> Iterator[LinePattern]:
         )
 
 
-def _default_wave(heading_deg: float, config: BestConfig, model: ErrorModel) -> LinePattern:
+def _default_wave(heading_deg: float, config: BestConfig, model: "ErrorModel") -> LinePattern:
     shape = WavyConfig(swaths=1, heading_deg=heading_deg, start=config.start)
     return _replaced(shape, wavelength_m=shape.wavelength_scales * model.slope_length_m)
 
 
-def _waves_like(wave: LinePattern, model: ErrorModel) -> Iterator[LinePattern]:
+def _waves_like(wave: LinePattern, model: "ErrorModel") -> Iterator[LinePattern]:
     for inset, outer in _BORDERS:
         yield _replaced(wave, inset_share=inset, outer_share=outer)
     for steepness in _STEEPNESSES:
@@ -181,7 +201,7 @@ def _counted(sized: Sizer, n_shapes: int, progress: Progress | None) -> Sizer:
     return reporting
 
 
-def _sizer(lay: Callable[[LinePattern], Route], config: BestConfig, model: ErrorModel) -> Sizer:
+def _sizer(lay: Callable[[LinePattern], Route], config: BestConfig, model: "ErrorModel") -> Sizer:
     """Return the function that gives a shape its number of swaths."""
 
     def of(shape: LinePattern, n: int) -> Choice:
@@ -219,9 +239,9 @@ def _most(length_m: Callable[[int], float], budget_m: float) -> int:
     return low
 
 
-def _fewest(choice: Callable[[int], Choice], rmse_m: float) -> Choice | None:
-    """Return the choice with the fewest swaths that is predicted to reach the wanted error."""
-    low, high = 0, 1
+def _fewest(choice: Callable[[int], Choice], rmse_m: float, first: int = 1) -> Choice:
+    """Return the choice with the fewest swaths that is predicted to reach the wanted error, sought from `first` on."""
+    low, high = 0, first
     found = choice(high)
     while found.rmse_m > rmse_m:
         low, high = high, 2 * high

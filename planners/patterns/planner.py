@@ -12,7 +12,7 @@ from survey.core import Progress
 
 if TYPE_CHECKING:
     # A configuration is imported without the packages that predict errors.
-    from planners.prediction import ErrorModel
+    from planners.prediction.error_model import ErrorModel
 
 
 class LayoutTask(NamedTuple):

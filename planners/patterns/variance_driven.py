@@ -7,7 +7,7 @@ predicted. The search is greedy: it looks one waypoint ahead.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 import shapely
@@ -15,11 +15,12 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from planners.config import Corner, PatternConfig
 from planners.patterns.planner import LayoutTask, Planner, always
-from planners.prediction import ErrorModel
 from planners.swaths.reference_lines import towards
 from survey import InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray
-from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+
+if TYPE_CHECKING:
+    from planners.prediction.error_model import ErrorModel
 
 
 class VarianceDrivenConfig(PatternConfig):
@@ -57,7 +58,7 @@ class _Insertion:
 def variance_driven(
     area: SurveyArea,
     config: VarianceDrivenConfig,
-    model: ErrorModel,
+    model: "ErrorModel",
     progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Leg, ...]:
     """Build a path by cost-benefit insertion.
@@ -117,22 +118,26 @@ def _cheapest(path: FloatArray, place: FloatArray, ground: shapely.Geometry) -> 
     return None
 
 
-def _best(path: FloatArray, insertions: list[_Insertion], model: ErrorModel) -> _Insertion:
+def _best(path: FloatArray, insertions: list[_Insertion], model: "ErrorModel") -> _Insertion:
     """Return the insertion that lowers the variance most per added metre."""
     before = _variance(path, model)
-    cost = np.array([max(i.added_m, model.sample_step_m) for i in insertions])
+    cost = np.array([max(i.added_m, model.errors.sample_step_m) for i in insertions])
     expected = _gain_of_places(path, insertions, model) / cost
     tried = np.argsort(-expected, kind="stable")[:_MOST_TRIED]
     gain = [(before - _variance(insertions[i].path, model)) / cost[i] for i in tried]
     return insertions[int(tried[int(np.argmax(gain))])]
 
 
-def _gain_of_places(path: FloatArray, insertions: list[_Insertion], model: ErrorModel) -> FloatArray:
+def _gain_of_places(path: FloatArray, insertions: list[_Insertion], model: "ErrorModel") -> FloatArray:
     """Return what one sample at each new place would explain of the nodes' variance."""
     new = np.array([_new_place(path, insertion.path) for insertion in insertions])
-    xy, noise_m = _samples(path, model)
+    xy, factor = _samples(path, model)
+    one = model.posterior.likeliest
+    noise_m = factor * one.noise_m
+    from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+
     gp = DenseGaussianProcess.fit(
-        xy, np.zeros(len(xy)), np.full(len(xy), noise_m), model.kernel, trend="constant"
+        xy, np.zeros(len(xy)), np.full(len(xy), noise_m), one.kernel, trend="constant"
     )
     shared = gp.covariance(model.nodes, new)
     gain: FloatArray = (shared**2).sum(axis=0) / (gp.predict(new)[1] + noise_m**2)
@@ -145,25 +150,24 @@ def _new_place(old: FloatArray, new: FloatArray) -> FloatArray:
     return place
 
 
-def _samples(path: FloatArray, model: ErrorModel) -> tuple[FloatArray, float]:
-    """Return samples along a path and their noise; at most 500, each standing for its neighbours."""
-    least = 1e-3 * float(np.sqrt(model.kernel.variance_m2))
-    length = _length_m(path)
-    step = max(model.sample_step_m, length / _MOST_SAMPLES)
-    noise = max(model.noise_m * float(np.sqrt(model.sample_step_m / step)), least)
+def _samples(path: FloatArray, model: "ErrorModel") -> tuple[FloatArray, float]:
+    """Return samples along a path and the factor of their errors; at most 500, each standing for its neighbours."""
+    length, step_m = _length_m(path), model.errors.sample_step_m
+    step = max(step_m, length / _MOST_SAMPLES)
+    factor = float(np.sqrt(step_m / step))
     if len(path) < 2:
-        return path, noise
+        return path, factor
     at = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T))]
     stations = np.arange(0.0, length + 1e-9, step)
-    return np.column_stack([np.interp(stations, at, path[:, k]) for k in (0, 1)]), noise
+    return np.column_stack([np.interp(stations, at, path[:, k]) for k in (0, 1)]), factor
 
 
-def _variance(path: FloatArray, model: ErrorModel) -> float:
-    xy, noise_m = _samples(path, model)
-    return float(model.variance(xy, noise_m).sum())
+def _variance(path: FloatArray, model: "ErrorModel") -> float:
+    xy, factor = _samples(path, model)
+    return float(model.variance(xy, factor).sum())
 
 
-def _rmse_m(path: FloatArray, model: ErrorModel) -> float:
+def _rmse_m(path: FloatArray, model: "ErrorModel") -> float:
     return float(np.sqrt(_variance(path, model) / len(model.nodes)))
 
 
@@ -171,7 +175,7 @@ def _length_m(path: FloatArray) -> float:
     return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
-def _is_done(path: FloatArray, config: VarianceDrivenConfig, model: ErrorModel) -> bool:
+def _is_done(path: FloatArray, config: VarianceDrivenConfig, model: "ErrorModel") -> bool:
     return config.rmse_m is not None and len(path) > 1 and _rmse_m(path, model) <= config.rmse_m
 
 

@@ -38,7 +38,7 @@ def with_way_home(route: Route, area: SurveyArea) -> Route:
         raise InputError("aids.way_home is for one rover; leave it out, or set fleet.rovers = 1.")
     start, end = route.legs[0].xy[0], route.legs[-1].xy[-1]
     way = FreeGround(area.free).way(end, start)
-    return on_free_ground(replace(route, legs=(*route.legs, Leg("transit", way))), area)
+    return on_free_ground(replace(route, legs=(*route.legs, Leg("transit", way))), area.free)
 
 
 def cut_short(route: Route, loss: Loss) -> Route:
@@ -83,6 +83,7 @@ def replanned(
     ways = _ways_home(added, here, homes, ground)
     others = [leg for leg in cut.legs if leg.rover not in crew]
     numbered = [_of_rover(leg, crew[leg.rover]) for leg in [*added, *ways]]
+    on_free_ground(replace(cut, legs=tuple(numbered)), ground.polygon)
     legs = sorted([*others, *done, *numbered], key=lambda leg: leg.rover)
     return replace(cut, legs=tuple(legs))
 

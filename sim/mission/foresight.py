@@ -16,8 +16,8 @@ from scipy.special import gammainc
 import planners
 from planners.guarantee.survey_lines import smallest_sufficient
 from planners.planning import planned_on, require_cover
-from planners.prediction import covariance_of_cells, spread_places
-from planners.registry import planner_of
+from planners.prediction.places import spread_places
+from planners.prediction.prior_kernels import covariance_of_cells
 from planners.routes.replanning import with_way_home
 from planners.routes.rover import Crew
 from planners.routes.traversability import drivable
@@ -126,7 +126,7 @@ def surveys_within(
     `limit_m`: largest RMSE [m].
     """
     if type(mission.planner) not in _SIZED:
-        names = " and ".join(planner_of(kind(swaths=1)).name for kind in _SIZED)
+        names = " and ".join(kind.model_fields["pattern"].default for kind in _SIZED)
         raise ConfigError(
             f"numbers of swaths and stakes are compared for the patterns {names}, not {mission.planner.pattern}; take one of them."
         )

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 import planners
 import survey
-from planners.prediction import places
+from planners.prediction.places import places
 from planners.registry import planner_of, steering_of
 from sim.montecarlo.config import (
     ConditionalKind,

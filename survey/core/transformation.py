@@ -86,7 +86,7 @@ def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatAr
         transformer = Transformer.from_crs(origin, target, always_xy=True)
         east, north = transformer.transform(xy[:, 0], xy[:, 1], errcheck=True)
     except (CRSError, ProjError) as error:
-        raise InputError(f"{where} cannot be transformed to {target.name}: {error}.") from error
+        raise InputError(f"{where} does not fit into {target.name} ({error}); name another CRS.") from error
     result: FloatArray = frozen(list(zip(east, north, strict=True)))
     return result.reshape(-1, 2)
 

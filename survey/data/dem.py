@@ -1,5 +1,6 @@
 """Digital elevation models: square cells of terrain height in a projected CRS."""
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +18,7 @@ from survey.data.conversions import drawing, html_table, plot_raster, to_dataset
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.opening import check_transform
-from survey.io.raster.values import refuse_detached, refuse_impossible
+from survey.io.raster.values import log_plateau, refuse_detached, refuse_impossible
 from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:
@@ -166,6 +167,9 @@ class Dem(DataObject):
         if not mask:
             _refuse_mask(raster, path)
             refuse_detached(raster.values, _step_m(raster), str(path))
+            log_plateau(raster.values, str(path))
+            if raster.n_bands > 1 and band == 1:
+                logging.getLogger(__name__).warning("%s has %d bands; band 1 is read.", path, raster.n_bands)
             refuse_impossible(raster.values, str(path))
         raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:

@@ -54,7 +54,8 @@ class Grid(DataObject):
             raise InputError(f"the grid's step is {self.step_m} m; it must be greater than 0.")
         if xmax <= xmin or ymax <= ymin:
             raise InputError(
-                f"the grid's bounds {self.bounds} enclose nothing; give (xmin, ymin, xmax, ymax)."
+                f"the grid's bounds {self.bounds} enclose nothing, as around points on one line; name the ground with --area, or give "
+                "(xmin, ymin, xmax, ymax)."
             )
         refuse_far(self.bounds, "the grid's bounds")
         for side in (xmax - xmin, ymax - ymin):

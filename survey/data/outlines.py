@@ -7,6 +7,7 @@ polygon, in the CRS of the file, in which their common border is one line. What 
 
 import logging
 import math
+import shlex
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 from shapely import MultiPolygon, Point, Polygon
+from shapely.affinity import translate
 from shapely.validation import explain_validity
 
 from survey.core import InputError, frozen, printable, projected_crs
@@ -252,6 +254,8 @@ def prepared(outlines: Outlines, crs: Any) -> Outlines:
     for number, (shape, role) in enumerate(zip(features.geometry, outlines.roles, strict=True), start=1):
         by_role[role] += (points_of if role == "start" else polygon_parts)(shape, f"feature {number}")
     _require_crs(features, outlines.where)
+    if crs is None and is_geographic(features.crs):
+        crs = _crs_about(outlines)
     areas = [unite(by_role["area"], features.crs)] if by_role["area"] else []
     shapes = np.array([*areas, *by_role["no-go"], *by_role["start"]], dtype=object)
     roles = ["area"] * len(areas) + ["no-go"] * len(by_role["no-go"]) + ["start"] * len(by_role["start"])
@@ -266,26 +270,50 @@ def _require_crs(features: Features, where: str) -> None:
 
 
 def in_crs(features: Features, crs: Any, where: str) -> Features:
-    """Return the features in the named CRS, else in their own; degrees are projected, and the log states it."""
+    """Return the features in the named CRS, else in their own projected one; refuse a shape that folds over in it."""
     _require_crs(features, where)
     if not is_local(features.crs):
         _refuse_misplaced(features, known_crs(features.crs, where), where)
-    if crs is None and is_geographic(features.crs):
-        places = shapely.get_coordinates(features.geometry)
-        crs = chosen_crs(places[:, 0], places[:, 1], features.crs)
-        logger.warning(
-            "%s is in degrees (%s); it is projected to %s.",
-            where,
-            known_crs(features.crs, where).name,
-            crs.name,
-        )
     stated = metric_crs(features.crs, where)
     log_converted(where, [("places", stated.place_m)])
     if crs is None and stated.place_m == 1.0:
         return features._replace(crs=projected_crs(features.crs, where))
     target = projected_crs(stated.crs if crs is None else metric_crs(crs, where).crs, "the wanted CRS")
     moved = shapely.transform(features.geometry, lambda xy: transformed(xy, features.crs, target, where))
+    for number, shape in enumerate(map(simple_rings, moved), start=1):
+        if features.geometry[number - 1].is_valid and not shape.is_valid:
+            raise InputError(
+                f"{where}: outline {number} cannot be shown in {target.name}, where it crosses itself ({explain_validity(shape)}); "
+                "choose outlines near each other (--select), or a CRS made for this ground."
+            )
     return features._replace(geometry=moved, crs=target)
+
+
+def _crs_about(outlines: Outlines) -> CRS:
+    """Return the projected CRS of outlines in degrees, and log it; refuse ground that reaches too far for one."""
+    shapes, where = outlines.features.geometry, outlines.where
+    places, owner = shapely.get_coordinates(shapes, return_index=True)
+    crs = chosen_crs(places[:, 0], places[:, 1], outlines.features.crs)
+    lon, lat = np.deg2rad(places).T
+    directions = np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    middle = directions.mean(axis=0) / np.linalg.norm(directions.mean(axis=0))
+    far_m = _EARTH_M * np.arccos(np.clip(directions @ middle, -1.0, 1.0))
+    if far_m.max() > _REACH_M:
+        far = printable(outlines.names[owner[far_m.argmax()]])
+        smallest = np.argmin(np.where(outlines.is_area, shapely.area(shapes), np.inf))
+        remedy = f"choose outlines near each other with --select (select=), such as --select {shlex.quote(outlines.keys[smallest])}"
+        raise InputError(
+            f"{where} reaches {far_m.max() / 1e3:,.0f} km from its middle ({far}), and a UTM zone serves "
+            f"within {_REACH_M / 1e3:,.0f} km; {remedy if outlines.is_area.sum() > 1 else 'draw the ground to survey'}, or name a CRS (--crs, crs=)."
+        )
+    name = known_crs(outlines.features.crs, where).name
+    logger.warning("%s is in degrees (%s); it is projected to %s.", where, name, crs.name)
+    return crs
+
+
+_REACH_M = 2e6
+"""How far ground lies from its middle at most: there UTM shows lengths a twentieth too long [m]."""
+_EARTH_M = 6.371e6
 
 
 def _refuse_misplaced(features: Features, crs: CRS, where: str) -> None:
@@ -332,9 +360,7 @@ def unite(polygons: list[Polygon], crs: Any) -> Polygon | MultiPolygon:
     if len(polygons) == 1:
         return polygons[0]
     if is_geographic(crs) and _meet_at_180(polygons):
-        polygons = [
-            shapely.transform(one, lambda xy: xy + [360.0, 0.0] * (xy[:, :1] < 0.0)) for one in polygons
-        ]
+        polygons = [translate(one, 360.0 if one.bounds[2] <= 0.0 else 0.0) for one in polygons]
     scale = _metres_per_unit(polygons, crs)
     plane = np.array([shapely.transform(one, lambda xy: xy * scale) for one in polygons])
     union = shapely.union_all(plane)

@@ -27,6 +27,7 @@ _NAMES = {
 }  # fmt: skip
 PLACES = frozenset(_NAMES)
 """Values of MAV_CMD that lead a vehicle to a place."""
+_CURVED = frozenset({17, 18, 19, 31, 82})
 _DO_JUMP = 177
 # These change the order of the places, or move the vehicle elsewhere.
 _STEERING = {_DO_JUMP: "DO_JUMP", 192: "DO_REPOSITION", 224: "DO_SET_MISSION_CURRENT", 601: "DO_JUMP_TAG"}
@@ -103,9 +104,8 @@ def driven_places(mission: Mission, where: str) -> DrivenPlaces:
     beside = [*mission.left_out, *_listed(others)]
     beside += [f"its fence of {len(mission.fence)} parts"] if mission.fence else []
     notes = [f"read as plain places, joined by straight lines: {'; '.join(read_as)}"] if read_as else []
-    notes += (
-        [f"left out, because a route holds places to drive to alone: {'; '.join(beside)}"] if beside else []
-    )
+    if beside:
+        notes.append(f"left out, because a route holds places to drive to alone: {'; '.join(beside)}")
     return DrivenPlaces(np.array([stop.lonlat for stop in stops]).reshape(-1, 2), tuple(notes))
 
 
@@ -149,11 +149,11 @@ def _listed(items: Sequence[tuple[int, MissionItem]]) -> list[str]:
     return named
 
 
-def require_own_fence(mission: Mission, where: str) -> None:
-    """Refuse a mission that does not stay within the fence that it carries, the ways of its jumps included."""
+def require_own_fence(mission: Mission, where: str) -> tuple[str, ...]:
+    """Refuse a mission that leaves the fence that it carries by its straight ways, also of jumps; name the curves."""
     stops = stops_of(mission, where)
     if not mission.fence or not stops:
-        return
+        return ()
     lonlat = np.array([stop.lonlat for stop in stops])
     crs = chosen_crs(lonlat[:, 0], lonlat[:, 1])
     xy = transformed(lonlat, WGS84, crs, where)
@@ -163,6 +163,12 @@ def require_own_fence(mission: Mission, where: str) -> None:
         after = [k for k, stop in enumerate(stops) if stop.number >= (item.params[0] or 0)]
         if item.command == _DO_JUMP and before and after:
             require_inside(xy[[before[-1], after[0]]], mission.fence, crs, f"{where} lie")
+    curved = "; ".join(_listed([(number, item) for number, item in stops if item.command in _CURVED]))
+    return (
+        (f"the fence was checked along straight lines, which the vehicle leaves at {curved}.",)
+        if curved
+        else ()
+    )
 
 
 def read_mission_file(path: str | Path) -> Mission:

@@ -46,13 +46,13 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "navd88_height", "navd88_elevation", "navd88_elev", "navd88",
     ),
     "sigma_z": (
-        "sigma_z_m", "sigma_z", "sigma_u", "sigma_up", "sigma_v", "sdv", "sdv_m", "sdz", "sdz_m", "sdu",
+        "sigma_z_m", "sigma_z", "sigma", "sigma_m", "sigma_u", "sigma_up", "sigma_v", "sdv", "sdv_m", "sdz", "sdz_m", "sdu",
         "sdu_m", "sd_v", "sd_z", "sd_u", "sd_up", "std_z", "std_u", "std_up", "std_v", "stdz", "vrms",
         "v_rms", "rms_v", "elevation_rms", "vertical_rms", "vertical_rms_m", "vertical_sd", "vertical_std",
         "vertical_precision", "vertical_precision_m", "vert_precision", "vert_prec", "vprec", "v_prec",
         "vertical_accuracy_m", "vertical_accuracy", "v_sd", "sd_height", "sd_elevation", "cq_1d",
         "cq_height", "cq_höhe", "v_prec_obs", "précision_z", "precision_z", "vacc", "v_acc",
-        "verticalaccuracy", "v_accuracy", "z_accuracy", "accuracy_z",
+        "verticalaccuracy", "v_accuracy", "z_accuracy", "accuracy_z", "σ",
     ),
     "sigma_xy": (
         "sigma_xy_m", "sigma_xy", "sdh", "sdh_m", "sd_h", "hrms", "h_rms", "rms_h", "horizontal_rms",
@@ -86,6 +86,8 @@ OWN_NAMES: Mapping[str, str] = {
 """Keys of a column mapping (``--columns x=Easting``), with the name that each column takes."""
 
 
+# Names without a direction, which count where no other column has one.
+_GENERAL = ("sigma", "σ")
 _FEET = (FOOT_M, US_SURVEY_FOOT_M)
 _LETTERS = {
     "p": "name",
@@ -266,9 +268,12 @@ def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
 
     >>> one_column("sigma_z", ["Point", "Easting", "SDH", "SDV"], "gnss.csv")
     'SDV'
+    >>> one_column("sigma_z", ["E", "N", "H", "Sigma", "SDV"], "gnss.csv")
+    'SDV'
     """
     own = SPELLINGS[kind][0]
     found = metres_first([name for name in header if spelled(name, kind)])
+    found = [name for name in found if without_length(name) not in _GENERAL] or found
     if own in found or len(found) < 2:
         return own if own in found else next(iter(found), None)
     key = next((short for short, long in OWN_NAMES.items() if long == own), kind)

@@ -51,13 +51,13 @@ def open_las(file: Path, **options: Any) -> Iterator[Any]:
             yield reader
 
 
-def read_las(path: Path) -> PointTable:
-    """Read a LAS or LAZ file, and check its checksum where firnline wrote it."""
+def read_las(path: Path, named: Any = None) -> PointTable:
+    """Read a LAS or LAZ file, and check its checksum where firnline wrote it; `named` as `crs_of_header` takes it."""
     file = existing_file(path, "the point file")
     with open_las(file) as reader:
         check_count(file, reader.header.point_count)
         las = reader.read()
-        crs = crs_of_header(las.header, file)
+        crs = crs_of_header(las.header, file, named)
     if len(las.points) == 0:
         raise InputError(f"the point file {file} holds no points; get it again.")
     if len(las.points) != las.header.point_count:
@@ -106,15 +106,18 @@ _OWN_CODE = 32767
 _ELLIPSOIDS = range(5001, 5034)
 
 
-def crs_of_header(header: Any, file: Path) -> Any:
-    """Return the CRS that a header states, None for none; refuse one that its keys describe without a code."""
+def crs_of_header(header: Any, file: Path, named: Any = None) -> Any:
+    """Return the CRS that a header states, None for none; keys without a code give way to `named`, or are refused."""
     crs = header.parse_crs()
-    if _geo_keys(header).get(_SYSTEM) == _OWN_CODE and (crs is None or crs.is_geographic):
+    if _geo_keys(header).get(_SYSTEM) != _OWN_CODE or not (crs is None or crs.is_geographic):
+        return crs
+    where = f"the point file {file} describes its CRS by GeoKeys without a code, which are not read"
+    if named is None:
         raise InputError(
-            f"the point file {file} describes its CRS by GeoKeys without a code, which are not read; write it with a WKT record or a "
-            "code (las2las -epsg, pdal translate --writers.las.a_srs)."
+            f"{where}; name the CRS with --crs (crs=), or write the file with a WKT record or a code."
         )
-    return crs
+    logging.getLogger(__name__).warning("%s; the CRS that was named, %s, is used.", where, named)
+    return None
 
 
 def datum_of_header(header: Any, crs: Any) -> str:

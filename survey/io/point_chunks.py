@@ -4,6 +4,7 @@ Number of points, bounds and CRS come from the header; the points follow in chun
 their strip (point source) where the file has it. PLY is mapped into memory, and Parquet is read by row groups.
 """
 
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file, refusing_damage
+from survey.core import UNSTATED, Bounds, FloatArray, InputError, existing_file, printable, refusing_damage
 from survey.io.ply import read_vertices
 
 _AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
@@ -30,7 +31,7 @@ class ColumnChunk(NamedTuple):
 def ply_facts(file: Path) -> tuple[int, Bounds, Any]:
     """Return number, bounds [m] and stated CRS of the vertices of a PLY file."""
     vertices, comments = _mapped_ply(file)
-    axes = _axes(vertices.dtype.names or (), file)
+    axes = _axes(vertices.dtype.names or (), file, logs=True)
     if len(vertices) == 0:
         raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
     low, high = ([float(f(vertices[a])) for a in axes[:2]] for f in (np.min, np.max))
@@ -65,7 +66,7 @@ def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
 
 
 def _facts_of(table: Any, file: Path) -> tuple[int, Bounds, Any]:
-    axes = _axes(table.schema_arrow.names, file)
+    axes = _axes(table.schema_arrow.names, file, logs=True)
     spans = [_span(table, file, axis) for axis in axes[:2]]
     stated = (table.schema_arrow.metadata or {}).get(_CRS_KEY)
     bounds = (spans[0][0], spans[1][0], spans[0][1], spans[1][1])
@@ -116,12 +117,16 @@ def _span(table: Any, file: Path, axis: str) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _axes(names: Any, file: Path) -> tuple[str, str, str]:
+def _axes(names: Any, file: Path, *, logs: bool = False) -> tuple[str, str, str]:
+    """Return the columns of the coordinates; the log may state which others are not read."""
     found = next((axes for axes in _AXES if set(axes) <= set(names)), None)
     if found is None:
         raise InputError(
             f"the point file {file} has no columns x, y and z (found: {', '.join(map(str, names)) or 'none'}); rename them."
         )
+    unused = [name for name in map(str, names) if name not in (*found, *_STRIP)]
+    if logs and unused:
+        logging.getLogger(__name__).warning("%s: not used: %s", file, printable(", ".join(unused)))
     return found
 
 
@@ -178,15 +183,15 @@ def chunked_files(sources: list[Path]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def point_file_facts(path: str | Path) -> PointFileFacts:
-    """Return number, bounds and CRS of the points of a file; LAS and Parquet state them in the header."""
+def point_file_facts(path: str | Path, crs: Any = None) -> PointFileFacts:
+    """Return number, bounds and CRS (`crs` where none is stated) of the points of a file, mostly by its header."""
     file = existing_file(path, "the point file")
     if file.suffix.lower() == ".ply":
         facts = PointFileFacts(*ply_facts(file))
     elif file.suffix.lower() == ".parquet":
         facts = PointFileFacts(*parquet_facts(file))
     else:
-        facts = _las_facts(file)
+        facts = _las_facts(file, crs)
     if facts.n_points == 0:
         raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
     if not np.isfinite(facts.bounds).all():
@@ -231,7 +236,7 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
         yield PointChunk(part.xyz, strip, np.zeros(len(part.xyz), np.uint8))
 
 
-def _las_facts(file: Path) -> PointFileFacts:
+def _las_facts(file: Path, named: Any) -> PointFileFacts:
     # here: laspy imports a client of the web
     from survey.io.las import crs_of_header, datum_of_header, lengths_of_header, open_las
 
@@ -239,7 +244,7 @@ def _las_facts(file: Path) -> PointFileFacts:
         header = reader.header
         low, high = header.mins, header.maxs
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        crs = crs_of_header(header, file)
+        crs = crs_of_header(header, file, named)
         stated = datum_of_header(header, crs), lengths_of_header(header, file)
         return PointFileFacts(header.point_count, bounds, crs, *stated, (float(low[2]), float(high[2])))
 

@@ -96,7 +96,9 @@ def write_csv(path: Path, table: PointTable) -> None:
 
 def _is_plain(file: Path) -> bool:
     """Return whether a table has firnline's own columns, or commas, numbers alone and no standard deviation."""
-    if file.stat().st_size <= LARGEST_BYTES and _SEPARATED.search(file.read_bytes()):
+    content = file.read_bytes() if file.stat().st_size <= LARGEST_BYTES else b""
+    # Single bytes are found many times faster than the pattern, which most tables do not hold.
+    if any(mark in content for mark in (b"'", b"\xe2", b'"')) and _SEPARATED.search(content):
         return False
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         header, first = stream.readline(), stream.readline()
@@ -314,7 +316,7 @@ def read_point_table(
     `crs`: CRS of a file that states none, by whose unit its places are converted. `units`: ``m``, ``ft`` or ``us-ft``, for
     heights whose file states no unit.
     """
-    table = _read(Path(path), columns)
+    table = _read(Path(path), columns, crs)
     for name, column in table.columns.items():
         if (np.abs(column) > LARGEST).any():
             raise InputError(
@@ -333,7 +335,7 @@ def _checked_heights(table: PointTable, crs: Any, units: str | None, path: str |
     return converted
 
 
-def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
+def _read(path: Path, columns: Mapping[str, str] | None, crs: Any) -> PointTable:
     """Read a table with the columns that were named, or a cloud with its own."""
     suffix = _ending(path, READ_ENDINGS)
     if suffix in _TEXT_TABLES:
@@ -344,7 +346,7 @@ def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
         raise InputError(
             f"{path} is no table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
         )
-    return _with_usual_sigma(_CLOUDS[suffix](path), path)
+    return _with_usual_sigma(read_ply(path) if suffix == ".ply" else _read_las(path, crs), path)
 
 
 def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
@@ -417,10 +419,10 @@ def _ending(path: str | Path, known: Collection[str]) -> str:
     return suffix
 
 
-def _read_las(path: Path) -> PointTable:
+def _read_las(path: Path, crs: Any) -> PointTable:
     from survey.io.las import read_las  # here: laspy imports a client of the web
 
-    return read_las(path)
+    return read_las(path, crs)
 
 
 def _write_las(path: Path, table: PointTable) -> None:
@@ -429,7 +431,7 @@ def _write_las(path: Path, table: PointTable) -> None:
     write_las(path, table)
 
 
-_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {".las": _read_las, ".laz": _read_las, ".ply": read_ply}
+_CLOUDS = (".las", ".laz", ".ply")
 WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
     ".csv": write_csv,
     ".gpkg": write_vector,

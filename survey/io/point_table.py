@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pyproj import CRS
 
-from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError
+from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError, IntArray
 from survey.core.lengths import FOOT_M, length_name, log_converted, named_units, same_length
 from survey.core.transformation import WGS84, MetricCrs, metric_crs
 from survey.io.column_names import (
@@ -289,13 +289,20 @@ def ground_of(table: PointTable, where: str) -> PointTable:
     return table._replace(columns=columns, is_ground=None)
 
 
+# Odd numbers without a pattern: equal sums of other rows are as rare as chance makes them.
+_SCRAMBLE = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+
+
 def once_each(table: PointTable, where: str) -> PointTable:
     """Return a table in which rows that repeat another in every column count once, and log how many are left out.
 
     A point that is stored twice is one measurement: as two it would halve the variance that the map states there.
     """
     x, y, z = (table.columns[name] for name in PLACE)
-    order = np.lexsort((z, y, x))
+    alike = _may_repeat(x, y, z)
+    if not len(alike):
+        return table
+    order = alike[np.lexsort((z[alike], y[alike], x[alike]))]
     repeats = np.zeros(len(order), dtype=np.bool_)
     repeats[1:] = np.logical_and.reduce(
         [_equal_neighbours(np.asarray(column)[order]) for column in table.columns.values()]
@@ -306,13 +313,25 @@ def once_each(table: PointTable, where: str) -> PointTable:
         "%s: %d of %d points repeat another one exactly and are left out.",
         where,
         int(repeats.sum()),
-        len(order),
+        len(x),
     )
-    kept = np.sort(order[~repeats])
+    kept = np.setdiff1d(np.arange(len(x)), order[repeats])
     columns = {name: column[kept] for name, column in table.columns.items()}
     return table._replace(
         columns=columns, is_ground=None if table.is_ground is None else table.is_ground[kept]
     )
+
+
+def _may_repeat(*columns: FloatArray) -> IntArray:
+    """Return the rows (K,) whose sum of scrambled bits stands in another row too: among them are all that repeat another."""
+    total = np.zeros(len(columns[0]), dtype=np.uint64)
+    for column, factor in zip(columns, _SCRAMBLE, strict=True):
+        bits = (np.asarray(column, dtype=np.float64) + 0.0).view(np.uint64)  # -0.0 is 0.0
+        total += (bits ^ (bits >> np.uint64(29))) * factor
+    ordered = np.sort(total)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    rows: IntArray = np.flatnonzero(np.isin(total, twice)) if len(twice) else np.empty(0, dtype=np.int64)
+    return rows
 
 
 def _equal_neighbours(column: FloatArray) -> BoolArray:

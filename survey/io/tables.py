@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from survey.core import CapacityError, FloatArray, InputError, existing_file, first_line, printable, replacing
+from survey.io import plain_columns
 
 LARGEST_ROWS = 30_000_000
 """Longest table that is read: 1 GB for four columns."""
-_ROWS_AT_ONCE = 50_000
+_ROWS_AT_ONCE, _BYTES_AT_ONCE = 50_000, 2**25
 _LONGEST_CELL = 40
 
 
@@ -40,7 +41,7 @@ def read_table(
             rows = csv.reader(stream, strict=True)
             header = _header(next(rows, []), required, where)
             kept = [index for index, name in enumerate(header) if name not in texts]
-            parts = list(_parts(rows, header, kept, where))
+            parts = _plain_parts(file, len(header), kept) or list(_parts(rows, header, kept, where))
         _refuse_cut_off(file, len(header), where)
     except (UnicodeError, csv.Error, OSError) as error:
         raise InputError(
@@ -71,6 +72,22 @@ def refuse_repeated_columns(names: Sequence[str], where: str) -> None:
         raise InputError(
             f"{where} names the column {twice!r} {names.count(twice)} times; leave the one that is meant."
         )
+
+
+def _plain_parts(file: Path, n_columns: int, kept: Sequence[int]) -> list[FloatArray]:
+    """Return the numbers (n, k) of all rows of a large plain table; none where every cell has to be looked at."""
+    if file.stat().st_size < plain_columns.LEAST_BYTES or not kept:
+        return []
+    kinds: list[plain_columns.Kind] = ["number" if k in kept else "unused" for k in range(n_columns)]
+    parts: list[FloatArray] = []
+    with file.open("rb") as stream:
+        stream.readline()
+        while block := stream.read(_BYTES_AT_ONCE):
+            found = plain_columns.plain_columns(block + stream.readline(), ",", kinds)
+            if found is None or sum(map(len, parts)) > LARGEST_ROWS:
+                return []
+            parts.append(np.array([found[index] for index in kept]).T)
+    return parts
 
 
 def _parts(rows: Any, header: list[str], kept: list[int], where: str) -> Iterator[FloatArray]:

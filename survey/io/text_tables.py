@@ -10,13 +10,15 @@ are times of day and dates written as one number (100015 for 10:00:15).
 import csv
 import logging
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from survey.core import CapacityError, FloatArray, InputError, existing_file, first_line, printable
+from survey.io import plain_columns
 from survey.io.tables import refuse_cut_off_line, refuse_repeated_columns
 
 _NUMBER = r"[+-]?\d{{1,3}}({0}\d{{3}})+"
@@ -129,26 +131,35 @@ _COMMENTS = ("#", "%", "sep=")
 _LEAST_NUMBERS = 3
 _N_COLOURS = 3
 _LONGEST_CELL = 40
+_UNNAMED = "column_"
+# First lines of a table, which show what it holds.
+_HEAD_BYTES = 65536
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 class TextTable(NamedTuple):
-    """Cells of a text table, with the numbers of their lines."""
+    """Columns of a text table, with the numbers of its lines.
+
+    `cells`: texts of a column by its index. `parsed`: numbers (N,) of the columns that were read as such.
+    """
 
     header: list[str]
-    rows: list[list[str]]
-    lines: list[int]
+    cells: Callable[[int], Sequence[str]]
+    lines: Sequence[int]
     marks: NumberMarks
     where: str
+    parsed: Mapping[int, FloatArray] = {}
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return the cells of a column as they are."""
-        index = self.header.index(name)
-        return tuple(row[index].strip() for row in self.rows)
+        return tuple(cell.strip() for cell in self.cells(self.header.index(name)))
 
     def numbers(self, name: str, axis: Axis | None = None) -> FloatArray:
         """Return a column of numbers (N,); of angles [deg], in whatever way they are written, where an axis is named."""
-        values = np.empty(len(self.rows))
+        parsed = self.parsed.get(self.header.index(name))
+        if parsed is not None:
+            return parsed.copy()
+        values = np.empty(len(self.lines))
         for k, (line, cell) in enumerate(zip(self.lines, self.texts(name), strict=True)):
             number = self._number(cell, axis)
             if number is None:
@@ -158,7 +169,8 @@ class TextTable(NamedTuple):
 
     def is_number(self, name: str, row: int, axis: Axis | None = None) -> bool:
         """Return whether a cell of a column is a number, with the marks of the table."""
-        return self._number(self.rows[row][self.header.index(name)].strip(), axis) is not None
+        index = self.header.index(name)
+        return index in self.parsed or self._number(self.cells(index)[row].strip(), axis) is not None
 
     def _number(self, cell: str, axis: Axis | None) -> float | None:
         text = self.marks.plain(cell)
@@ -194,10 +206,22 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = (), wi
     """
     file = existing_file(path, what)
     where = f"{what} {file}"
-    lines = _lines(file, where)
-    header_at = next(
-        (k for k, line in enumerate(lines) if line.strip() and not line.startswith(_COMMENTS)), None
+    content = _content(file, where)
+    table = _plain_table(content, where, unnamed, width) or _table(
+        _lines(content, where), where, unnamed, width
     )
+    if width and table.header[0] == f"{_UNNAMED}1":
+        logging.getLogger(__name__).warning(
+            "%s: the columns 1 to %d are read, and nothing behind them.", where, width
+        )
+    return table
+
+
+def _table(
+    lines: list[str], where: str, unnamed: Sequence[str], width: int, is_whole: bool = True
+) -> TextTable:
+    """Return the table of all lines of a file, or of its first ones, by a look at every cell."""
+    header_at = _header_at(lines)
     if header_at is None:
         raise InputError(f"{where} is empty; a header such as Point,Easting,Northing,Elevation was expected.")
     last = lines[-1]
@@ -208,7 +232,7 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = (), wi
     width = width if _are_numbers(cells[0]) else 0
     if width:
         cells = _first_columns(cells, width, header_at, where)
-    names = [f"column_{k}" for k in range(1, width + 1)] or _names_of(cells[0], unnamed)
+    names = [f"{_UNNAMED}{k}" for k in range(1, width + 1)] or _names_of(cells[0], unnamed)
     names = names or _names_in_comment(lines[:header_at], separator, cells[0])
     header = _header(names or cells[0], where)
     numbered = [(header_at + k, row) for k, row in enumerate(cells, start=1) if any(map(str.strip, row))]
@@ -216,10 +240,67 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = (), wi
     header, numbered = _as_counted(header, numbered)
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
-    if not 0 < width < last_cells:  # what is cut off there is not read
+    if is_whole and not 0 < width < last_cells:  # what is cut off there is not read
         refuse_cut_off_line(last, rows, where)
     marks = NumberMarks.among((cell for row in rows for cell in row), has_commas=separator != ",")
-    return TextTable(header, rows, [line for line, _ in numbered], marks, where)
+    columns = list(zip(*rows, strict=True))
+    return TextTable(header, columns.__getitem__, [line for line, _ in numbered], marks, where)
+
+
+def _header_at(lines: Sequence[str]) -> int | None:
+    return next((k for k, line in enumerate(lines) if line.strip() and not line.startswith(_COMMENTS)), None)
+
+
+def _plain_table(content: bytes, where: str, unnamed: Sequence[str], width: int) -> TextTable | None:
+    """Return a large table as `_table` does, where that needs no look at every cell; None for all others.
+
+    The first lines show the names of the columns, and which begin with a number.
+    """
+    if len(content) < plain_columns.LEAST_BYTES or not content.endswith(b"\n"):
+        return None
+    head = content[: content.rfind(b"\n", 0, _HEAD_BYTES) + 1]
+    try:
+        lines = _lines(head, where)
+        first = _table(lines, where, unnamed, width, is_whole=False)
+    except InputError:
+        return None  # it may be a fault of the first lines alone
+    at, separator = first.lines[0] - 1, _separator(lines[_header_at(lines) or 0])
+    n_columns = len(_cells([lines[at].rstrip("\r\n")], separator, where)[0])
+    is_cut = width and first.header[0] == f"{_UNNAMED}1"
+    if len(lines) != head.count(b"\n") or not (is_cut or n_columns == len(first.header)):
+        return None
+    body = content[len(b"".join(head.splitlines(keepends=True)[:at])) :]
+    return _parsed(first, body, separator, n_columns)
+
+
+def _parsed(first: TextTable, body: bytes, separator: str, n_columns: int) -> TextTable | None:
+    """Return the table of all rows by that of the first ones; None where a cell has to be looked at."""
+    kinds: list[plain_columns.Kind] = [
+        "number" if first.is_number(name, 0) else "text" for name in first.header
+    ]
+    kinds += ["unused"] * (n_columns - len(kinds))
+    decimal = "," if separator != "," and b"," in body and b"." not in body else "."
+    found = plain_columns.plain_columns(body, separator, kinds, decimal)
+    parsed = {k: column for k, column in (found or {}).items() if kinds[k] == "number"}
+    if (
+        not found
+        or not parsed
+        or (decimal == "," and not any((column % 1.0).any() for column in parsed.values()))
+    ):
+        return None  # commas that stand in texts alone are no marks of the table
+    texts = (cell for k in found.keys() - parsed for cell in plain_columns.may_be_numbers(found[k]))
+    if NumberMarks.among(texts, has_commas=separator != ",") not in (NumberMarks(), NumberMarks(decimal)):
+        return None
+
+    @cache
+    def cells(index: int) -> Sequence[str]:
+        only: list[plain_columns.Kind] = ["text" if k == index else "unused" for k in range(n_columns)]
+        column = plain_columns.plain_columns(body, separator, only, decimal)
+        assert column is not None  # the body is plain
+        return list(column[index].to_pylist())
+
+    lines = range(first.lines[0], first.lines[0] + len(next(iter(parsed.values()))))
+    return TextTable(first.header, cells, lines, NumberMarks(decimal), first.where, parsed)
 
 
 def _first_columns(cells: list[list[str]], width: int, header_at: int, where: str) -> list[list[str]]:
@@ -230,14 +311,11 @@ def _first_columns(cells: list[list[str]], width: int, header_at: int, where: st
                 f"{where}, line {line}: {len(row)} values, and column {width} was named by its position; correct --columns or --format, or "
                 "make the file again where it is cut off."
             )
-    logging.getLogger(__name__).warning(
-        "%s: the columns 1 to %d are read, and nothing behind them.", where, width
-    )
     return [row[:width] for row in cells]
 
 
-def _lines(file: Path, where: str) -> list[str]:
-    """Return the lines of a file in UTF-8, or in the Windows encoding that spreadsheets still write."""
+def _content(file: Path, where: str) -> bytes:
+    """Return the bytes of a file of text, in UTF-8 or a local encoding."""
     if file.stat().st_size > LARGEST_BYTES:
         raise CapacityError(
             f"{where} has {file.stat().st_size:,} bytes; tables of up to {LARGEST_BYTES:,} are read, split it."
@@ -247,6 +325,11 @@ def _lines(file: Path, where: str) -> list[str]:
         content = content.decode("utf-16", errors="replace").encode()
     if b"\0" in content:
         raise InputError(f"{where} is no text table (it holds bytes of 0); a CSV file was expected.")
+    return content
+
+
+def _lines(content: bytes, where: str) -> list[str]:
+    """Return the lines of a text in UTF-8, or in the Windows encoding that spreadsheets still write."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -285,7 +368,7 @@ def _names_of(first: Sequence[str], unnamed: Sequence[str]) -> list[str]:
     has_colours = not colours or (len(colours) >= _N_COLOURS and all(map(_is_byte, colours[:_N_COLOURS])))
     if not unnamed or len(first) < len(unnamed) or not all(map(is_decimal, first)) or not has_colours:
         return []
-    return [*unnamed, *(f"column_{k}" for k in range(len(unnamed) + 1, len(first) + 1))]
+    return [*unnamed, *(f"{_UNNAMED}{k}" for k in range(len(unnamed) + 1, len(first) + 1))]
 
 
 def _is_byte(cell: str) -> bool:
@@ -347,7 +430,7 @@ def refuse_hemispheres(table: TextTable, longitude: FloatArray, latitude: FloatA
 
     `longitude`, `latitude` (N,): degrees as it states them.
     """
-    for name in table.header:
+    for name in (name for name in table.header if not table.is_number(name, 0)):
         cells = [cell.upper() for cell in table.texts(name)]
         for letters, negative, degrees in (("NS", "S", latitude), ("EW", "W", longitude)):
             is_hemisphere = all(cell and cell in letters and len(cell) == 1 for cell in cells)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks.promise_on_real_ground.causes import Cause, _log_actual, _log_predicted, cause_rows
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
 from survey import Dem, Grid
 from survey.reconstruction.gp.kernel_search import Cell
 

@@ -19,8 +19,8 @@ OWN = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "
 HANDED_ON = {"JointSolution"}
 NAMES = [name for name in firnline.__all__ if name != "__version__"]
 FUNCTIONS = [name for name in NAMES if inspect.isfunction(getattr(firnline, name))]
-INTERFACES = {"Section", "DisplacementField"}
-"""Types of parameters that users do not construct: they give settings of a method and a field of their choice."""
+INTERFACES = {"Section", "DisplacementField", "ErrorModel"}
+"""Types of parameters that users do not construct: settings of a method, a field of their choice, `planners.prior_model`."""
 
 
 def run(code: str, folder: Path) -> subprocess.CompletedProcess[str]:

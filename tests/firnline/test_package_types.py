@@ -14,13 +14,14 @@ import pytest
 import firnline
 from desk.plan.document import PlanDocument
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveSurvey
-from planners.guarantee.error_distribution import MapPrediction
-from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.patterns.best import Choice
 from planners.patterns.piecewise_continuous import PiecewiseContinuousSteering
 from planners.patterns.planner import LayoutTask
 from planners.patterns.random_wander import RandomWanderSteering
-from planners.prediction import ErrorModel, PredictedError
+from planners.prediction.assumptions import MapAssumptions
+from planners.prediction.error_distribution import MapPrediction
+from planners.prediction.error_model import ErrorModel, PredictedError
+from planners.prediction.kernel_posterior import KernelPosterior
 from planners.registry import PLANNERS
 from planners.routes.rover import Crew, Mobility
 from planners.routes.traversability import LeftOut, drivable
@@ -40,9 +41,9 @@ from survey.reporting.survey_results import (
     SurveyResults,
 )
 from survey.scoring import Checkpoints, map_classes, score_at
-from survey.scoring.change.displacements import RasterField, SteadyField, TrackedField
-from survey.scoring.change.tracking import TrackedMotion
 from survey.scoring.coverage import SampleCells
+from survey.scoring.differencing.displacements import RasterField, SteadyField, TrackedField
+from survey.scoring.differencing.tracking import TrackedMotion
 from survey.scoring.standards.checkpoint_errors import compare
 from survey.scoring.standards.standards import STANDARDS
 from survey.terrain.real import SampleSite
@@ -59,7 +60,8 @@ MODULES = {
     "planners.patterns.piecewise_continuous": "PiecewiseContinuousSteering",
     "planners.patterns.planner": "LayoutTask Planner",
     "planners.patterns.random_wander": "RandomWanderSteering",
-    "planners.prediction": "ErrorModel PredictedError",
+    "planners.prediction.assumptions": "MapAssumptions",
+    "planners.prediction.error_model": "ErrorModel PredictedError",
     "planners.routes.rover": "Mobility",
     "planners.routes.traversability": "Drivable LeftOut",
     "planners.steered_paths": "Band",
@@ -68,8 +70,8 @@ MODULES = {
     "survey.reconstruction.gp.mean": "ConstantMean DemMean FunctionMean",
     "survey.reconstruction.motion.priors": "VelocityRasters",
     "survey.reporting.survey_results": "FleetResults HazardResults OnBoard PayloadResults RoverDrive SurveyResults",
-    "survey.scoring.change.displacements": "RasterField SteadyField TrackedField",
-    "survey.scoring.change.tracking": "TrackedMotion",
+    "survey.scoring.differencing.displacements": "RasterField SteadyField TrackedField",
+    "survey.scoring.differencing.tracking": "TrackedMotion",
     "survey.scoring.coverage": "SampleCells",
     "survey.scoring.standards.assessment": "Assessment CheckpointScore",
     "survey.scoring.standards.checkpoint_errors": "CheckpointErrors RmseInterval Spread",
@@ -88,7 +90,7 @@ PACKAGES = ("survey", "survey.reconstruction", "survey.scoring", "survey.terrain
 def plans() -> Iterator[Any]:
     """Yield the types of planning."""
     made = instances()
-    area, route, dem, grid = (made[name] for name in ("SurveyArea", "Route", "Dem", "Grid"))
+    area, route, dem = (made[name] for name in ("SurveyArea", "Route", "Dem"))
     config = firnline.LawnmowerConfig(swaths=2)
     steered = firnline.RandomWanderConfig(swaths=2)
     yield from (Mobility(), PLANNERS[0], LayoutTask(area, Crew()), Choice(config, route, 0.5))
@@ -96,7 +98,7 @@ def plans() -> Iterator[Any]:
     yield LeftOut(area.polygon, "too steep")
     yield from (AdaptiveConfig(0.5), SteeringState(0.0, np.zeros(2, dtype=np.int64)))
     yield AdaptiveSurvey(None, np.zeros((0, 2)), KernelPosterior(()), MapPrediction(0.5, 0.4), holds=False)
-    yield ErrorModel(grid, np.ones(grid.shape, dtype=bool), Matern32(4.0, 30.0), 0.1, 10.0)
+    yield from (ErrorModel.of(area, Matern32(4.0, 30.0), noise_m=0.1), MapAssumptions())
     yield PredictedError(dem, 0.1, 0.2, 0.3)
     yield Attitude(np.zeros(2), np.zeros(2), np.zeros(2))
     yield Band(np.eye(2), np.arange(2.0), np.ones(2), np.ones(2))

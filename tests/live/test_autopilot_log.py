@@ -125,6 +125,22 @@ def test_a_log_becomes_a_recording_with_the_quality_of_its_fixes(name, tmp_path)
     assert (recording.wheels is None) == (name == "a.ulg")
 
 
+@pytest.mark.parametrize("n_lost", [1, 12, 60])
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_log_that_was_cut_off_is_read_to_there_and_says_so(name, n_lost, tmp_path):
+    WRITERS[name](tmp_path / name)
+    whole, notes, _ = read_autopilot_log(tmp_path / name)
+    assert not any("cut off" in note for note in notes)
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[:-n_lost])
+    recording, notes, _ = read_autopilot_log(tmp_path / name)
+    last_s = recording.gps.time_s[-1] - recording.gps.time_s[0]
+    assert whole.gps.time_s[-1] - whole.gps.time_s[0] - 1.0 <= last_s
+    assert any(
+        f"bytes are no whole record; the last fix before is of {last_s:.1f} s" in note for note in notes
+    )
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_the_yaw_of_the_autopilot_is_a_heading_from_grid_east(name, tmp_path):
     WRITERS[name](tmp_path / name)

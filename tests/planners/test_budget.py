@@ -3,7 +3,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from planners.guarantee.kernel_posterior import KernelPosterior
+from planners.prediction.kernel_posterior import KernelPosterior
 from planners.season import SeasonConfig, budget_of, mean_error_m
 from tests.planners.guarantee.smooth_site import SIDE_M, SMOOTH, lines
 

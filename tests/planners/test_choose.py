@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from planners import BestConfig, LawnmowerConfig, plan
 from planners.patterns.best import INSET_SHARE, choose
-from planners.prediction import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from planners.swaths.reference_lines import narrowest_heading
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated

@@ -4,7 +4,7 @@ import shapely
 
 from planners import VarianceDrivenConfig, plan
 from planners.patterns.variance_driven import variance_driven
-from planners.prediction import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from survey import ConfigError, InputError, SurveyArea
 from survey.core.config import validated
 from survey.reconstruction.gp.kernels import SquaredExponential

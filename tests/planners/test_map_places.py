@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.prediction import spread_places
+from planners.prediction.places import spread_places
 from survey import InputError, SurveyArea
 
 CRS = "EPSG:32608"

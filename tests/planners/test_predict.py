@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import LawnmowerConfig, WavyConfig, plan, predict_error, terrain_kernel
-from planners.prediction import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 from survey.terrain.random_fields import squared_exponential_field
@@ -179,7 +179,7 @@ def test_rough_ground_around_the_area_does_not_enter_its_kernel(rng):
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample spacing")],
+    [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample_step_m")],
 )
 def test_settings_that_make_no_sense_are_refused(wrong, message):
     route = plan(SITE, None, LawnmowerConfig(swaths=2))

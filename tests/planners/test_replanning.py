@@ -8,8 +8,8 @@ from planners.routes.fleet import share
 from planners.routes.replanning import Loss, cut_short, remaining_swaths, replanned
 from planners.routes.rover import Rover
 from planners.routes.shortest_paths import FreeGround
-from survey.core.errors import ConfigError
-from survey.data.route import Route
+from survey.core.errors import ConfigError, InputError
+from survey.data.route import Leg, Route
 
 CRS = "EPSG:32608"
 GROUND = FreeGround(shapely.box(0.0, 0.0, 80.0, 100.0))
@@ -33,6 +33,16 @@ def test_every_metre_of_swath_is_driven_once_after_a_loss():
     lost = [leg for leg in after.legs if leg.rover == 1]
     assert sum(leg.length_m for leg in lost) == pytest.approx(60.0)
     np.testing.assert_allclose(after.path(0)[[0, -1]], HOMES[[0, 0]])
+
+
+def test_a_change_of_route_that_leaves_the_ground_is_refused(monkeypatch: pytest.MonkeyPatch):
+    pillar = FreeGround(shapely.box(0.0, 0.0, 80.0, 100.0) - shapely.box(35.0, 0.0, 45.0, 50.0))
+    route = Route(share(LINES, pillar, HOMES), CRS, "lines")
+    assert replanned(route, Loss(1, 60.0, 60.0), pillar, rover=Rover()).n_rovers == 2
+    across = (Leg("swath", [[10.0, 20.0], [70.0, 20.0]]),)
+    monkeypatch.setattr("planners.routes.replanning.share", lambda *_, **__: across)
+    with pytest.raises(InputError, match="outside the area or in a no-go zone"):
+        replanned(route, Loss(1, 60.0, 60.0), pillar, rover=Rover())
 
 
 def test_the_others_finish_the_leg_they_are_on():

@@ -411,10 +411,15 @@ def place_landmarks(
     by_range = config.landmark_thinning == "range"
     least_range_m = config.landmark_min_range_m if by_range else 0.0
     keep = (ellipsoid_m <= config.landmark_max_sigma_m) & (sightings.range_m > least_range_m)
+    if len(keep) == 0:
+        raise InputError(
+            "no landmark could be placed by the images, as where neighbours overlap too little; give more images of the same ground, or "
+            "localize the file of fixes alone."
+        )
     if not keep.any():
         raise InputError(
             f"none of {len(keep)} landmarks passes the gates (1σ ≤ {config.landmark_max_sigma_m} m, first seen beyond "
-            f"{least_range_m} m); loosen localization.landmark_max_sigma_m or landmark_min_range_m."
+            f"{least_range_m} m); loosen localization.landmark_max_sigma_m or landmark_min_range_m (--set)."
         )
     pose = sightings.pose[keep]
     attitude = path.attitude_rad[pose]

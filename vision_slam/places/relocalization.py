@@ -110,7 +110,9 @@ class _Alignment:
 
 
 def _first_turn(recording: Recording, odometry: Odometry, end: int) -> float:
-    """Return the rotation of the first segment that its fixes ask for."""
+    """Return the rotation of the first segment that its fixes ask for; none for a single pose, which has no heading."""
+    if end < 2:
+        return 0.0
     first = Odometry(odometry.time_s[:end], odometry.step[: end - 1], odometry.attitude_rad[:end])
     turn = heading_correction(dead_reckoning(first, recording.start), first.time_s, recording.gps)
     alignment = None if turn else _align_with_fixes(recording, odometry, 0, end)

@@ -330,13 +330,13 @@ def _column_of_times(table: TextTable, name: str, given: str, date: str | None) 
         refuse_clock_numbers(numbers, f"{table.where}, column {name}")
         unit = declared_unit(given) or plain_unit(numbers)
         return (numbers, "") if unit is None else (numbers / PER_SECOND[unit], f", times are {unit}")
-    days = ("",) * len(table.rows) if date is None else table.texts(date)
+    days = ("",) * len(table.lines) if date is None else table.texts(date)
     return _column_of_dates(table, name, days), ", times are dates"
 
 
 def _column_of_dates(table: TextTable, name: str, days: Sequence[str]) -> FloatArray:
     """Return Unix times (N,) [s] of the cells of a column, each after its day where the day is apart."""
-    times = np.empty(len(table.rows))
+    times = np.empty(len(table.lines))
     cells = zip(table.lines, days, table.texts(name), strict=True)
     for k, (line, day, cell) in enumerate(cells):
         text = _DAY_FIRST.sub(r"\3-\2-\1", f"{day} {cell}".strip().replace("/", "-"))

@@ -4,13 +4,14 @@
 Derived from it here are GPS fixes, barometer, wheels, inertial unit, compass and weather.
 """
 
+import logging
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from survey.core import BoolArray, DataObject, FloatArray, InputError, checked
+from survey.core import BoolArray, DataObject, FloatArray, InputError, checked, printable
 from survey.core.time_units import LONGEST_STEP_S, refuse_other_unit
 from survey.io.tables import read_table, write_table
 
@@ -118,6 +119,9 @@ class SensorRecords(DataObject):
         names = {name: cls.COLUMNS.get(name, (name,)) for name in needed}
         table = read_table(path, [column for group in names.values() for column in group], what="the table")
         names |= {field.name: (field.name,) for field in fields(cls) if field.name in table}
+        unused = sorted(set(table) - {column for group in names.values() for column in group})
+        if unused:
+            logging.getLogger(__name__).warning("%s: not used: %s", path, printable(", ".join(unused)))
         return cls(
             **{field: join_columns([table[column] for column in group]) for field, group in names.items()}
         )

@@ -40,7 +40,7 @@ class Raster(NamedTuple):
     `values` (H, W): values [m], NaN for nodata; the first row is the northern one, unless the raster is
     rotated. `transform`: maps (column, row) of a cell's upper left corner to the CRS. `crs`: as the file
     states it. `vertical_datum`: as the file states it; ``""`` when unstated. `stored_as`: data type of the
-    file's band.
+    file's band. `n_bands`: bands of a file of another program; 0 for firnline's own.
     """
 
     values: FloatArray
@@ -48,6 +48,7 @@ class Raster(NamedTuple):
     crs: Any
     vertical_datum: str
     stored_as: str = "float64"
+    n_bands: int = 0
 
 
 def read_raster(
@@ -85,11 +86,12 @@ def read_raster(
         if band == 1:
             log_scale(source, file, units)
         stored_as = str(source.dtypes[in_source - 1])
+        n_bands = 0 if crcs else int(source.count)
         stated = datum or (vertical_datum_of(system.crs) if crs else UNSTATED)
     if is_summed:
         refuse_altered(file, crcs[band - 1], checksum_parts(values, transform, datum), f"the tag {CRC_TAG}")
     values, transform = _north_up(values, transform)
-    return Raster(values, transform, crs, stated, stored_as)
+    return Raster(values, transform, crs, stated, stored_as, n_bands)
 
 
 def log_scale(source: Any, file: str | Path, units: str | None) -> None:

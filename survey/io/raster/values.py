@@ -5,6 +5,7 @@ missing ones (such as -9999 or -32768) are refused. Cells without a height that 
 gap between them and all others.
 """
 
+import logging
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -198,6 +199,33 @@ def refuse_detached(elevation: FloatArray, step_m: float, name: str) -> None:
     extremes = Extremes()
     extremes.add(elevation)
     extremes.refuse_detached(step_m, name)
+
+
+_PLATEAU_SHARE, _CLIFFS = 0.1, 5.0
+
+
+def log_plateau(elevation: FloatArray, name: str) -> None:
+    """Log one height that many cells hold to the last digit, and at whose edge heights jump as nowhere else.
+
+    Voids are often filled with 0 or a mean. The surface of water is as even, and meets its shore without such a jump.
+
+    `elevation` (H, W): elevations [m], NaN where unknown.
+    """
+    even = elevation[:, 1:][np.diff(elevation) == 0.0]
+    if even.size < _PLATEAU_SHARE * elevation.size:
+        return
+    heights, counts = np.unique(even, return_counts=True)
+    is_even = elevation == (height := heights[counts.argmax()])
+    steps, is_edge = (
+        np.concatenate([np.abs(np.diff(grid, axis=k)).ravel() for k in (0, 1)])
+        for grid in (elevation, is_even)
+    )
+    jumps, others = (steps[(steps > 0.0) & at] for at in (is_edge, ~is_edge))
+    least_m = _CLIFFS * others.sum() / max(others.size, 1)
+    if is_even.mean() >= _PLATEAU_SHARE and jumps.size and np.median(jumps) > least_m:
+        found = f"{name} holds exactly {height:g} m in {is_even.mean():.0%} of its cells, and heights jump by {np.median(jumps):.3g} m at their edge"
+        remedy = f"make it nodata (gdal_edit.py -a_nodata {height:g})"
+        logging.getLogger(__name__).warning("%s: if the number stands for unknown cells, %s.", found, remedy)
 
 
 def refuse_impossible(elevation: FloatArray, name: str) -> None:

@@ -173,7 +173,7 @@ def tiled_job(
     `bounds` (xmin, ymin, xmax, ymax): extent of the map [m]; that of the points by default.
     """
     files = chunked_files(list(sources))
-    facts = [point_file_facts(file) for file in files]
+    facts = [point_file_facts(file, crs) for file in files]
     metres = [_metres(file, own, crs, units) for file, own in zip(files, facts, strict=True)]
     facts = [
         own._replace(bounds=(b[0] * m, b[1] * m, b[2] * m, b[3] * m))

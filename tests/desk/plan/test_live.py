@@ -29,7 +29,7 @@ def test_a_moved_corner_is_planned_with_the_covariance_at_hand(workspace):
     before = planner.exact(document)
     quick = planner.quick(moved(document, 60.0))
     assert quick.is_provisional
-    assert quick.plan.kernel is before.plan.kernel
+    assert quick.plan.model.posterior is before.plan.model.posterior
     assert quick.plan.route.prediction["rmse_m"] > 0.0
 
 

@@ -1,6 +1,7 @@
 """``firnline plan`` on areas: routes, pictures, limits, and what it refuses in one sentence."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,10 +52,33 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
     assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
+def test_slopes_are_read_at_the_noise_of_the_product_and_the_plan_says_so(caplog: pytest.LogCaptureFixture):
+    grid = Grid((525_810.0, 6_477_810.0, 526_390.0, 6_478_390.0), 20.0, CRS)
+    noise = 4.0 * np.random.default_rng(5).standard_normal(grid.shape)
+    Dem.on(grid, 0.05 * (grid.y[:, None] - 6_478_000.0) + noise).write("noisy.tif")
+    steep = ("site.gpkg", "--prior", "noisy.tif", "--swaths", "3", "--max-slope", "10", "--json")
+    out, _ = planned(*steep, "--product", "aster-30")
+    content = json.loads(out)
+    assert content["left_out_share"] == 0.0
+    assert "by planes of ± 40 m about each cell" in content["notes"][0]
+    assert "aster-30 tilt the ground by" in content["notes"][0]
+
+
+def test_gaps_that_were_closed_stand_in_the_record_of_the_plan(caplog: pytest.LogCaptureFixture):
+    west, east = (shapely.affinity.translate(shapely.box(0, 0, 99.99, 200), x, 0) for x in (0.0, 100.0))
+    both = shapely.affinity.translate(shapely.MultiPolygon([west, east]), *SITE.bounds[:2])
+    out, _ = planned(drawn(both), "--spacing", "25", "--json")
+    (note,) = json.loads(out)["notes"]
+    assert "the gaps of 2 m² between them are closed" in note
+    assert note in caplog.text
+    assert json.loads(planned("site.gpkg", "--spacing", "25", "--json", "--force")[0])["notes"] == []
+
+
 def test_a_predicted_error_says_what_it_excludes():
     out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25")
     assert "predicted RMSE" in out
-    assert "RMSE excludes      relief finer than the prior's cells and errors of the rover's position" in out
+    assert re.search(r"predicted RMSE +\d\.\d\d m \(\d\.\d\d to \d\.\d\d m with 80 %\)", out)
+    assert "RMSE excludes      errors of position that grow along the path" in out
     assert "RMSE excludes" not in planned("site.gpkg", "--spacing", "25", "--force")[0]
 
 
@@ -73,11 +97,11 @@ def test_limits_rovers_and_settings_reach_the_plan():
 
 
 def test_a_prior_too_coarse_to_predict_from_still_plans():
-    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 100.0, CRS)
+    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 400.0, CRS)
     Dem.on(grid, np.add.outer(grid.x, grid.y) * 1e-4).write("coarse.tif")
     SurveyArea(SITE.buffer(-40.0), CRS).write("small.gpkg")
     out, err = planned("small.gpkg", "--prior", "coarse.tif", "--swaths", "3")
-    assert "no error is predicted: 1 known cells" in err
+    assert "no error is predicted: the prior has 4 known cells" in err
     assert "rmse_m" not in out
 
 
@@ -168,6 +192,8 @@ def test_an_outline_that_stays_of_too_many_corners_is_refused_with_the_remedy():
         (("--swaths", "3", "--set", "rover.max_pich_deg=20.0"), 4, "did you mean max_pitch_deg?"),
         (("--swaths", "3", "--max-slope", "20"), 3, "need heights; give a prior DEM"),
         (("--swaths", "3", "--max-slope", "95"), 4, "max_pitch_deg"),
+        (("--swaths", "3", "--product", "aster-30"), 4, "goes with a limit of slope"),
+        (("--swaths", "3", "--max-slope", "20", "--product", "aster"), 4, "copernicus-30, srtm-90, aster-30"),
         (("--pattern", "wavy", "--swaths", "3"), 3, "give a prior DEM"),
         (
             ("--swaths", "3", "--set", "fleet.end_m=[1.0, 2.0]"),

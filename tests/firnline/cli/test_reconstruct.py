@@ -289,6 +289,16 @@ def test_a_far_place_ends_at_once_unless_the_ground_is_named(folder: Path) -> No
     assert run(*options, "--area", "area.gpkg")[0] == 0
 
 
+def test_points_on_one_line_need_an_area(folder: Path) -> None:
+    rows = [[500_000.0, 6_700_000.0 + k, 800.0 + 0.1 * k] for k in range(20)]
+    options = (_table(rows), "--crs", CRS, "--sigma", 0.05, "--grid", 4, *GP)
+    code, said = run(*options)
+    assert code == 3
+    assert "enclose nothing, as around points on one line; name the ground with --area" in said
+    SurveyArea(shapely.box(499_990.0, 6_700_000.0, 500_010.0, 6_700_020.0), CRS).write("area.gpkg")
+    assert run(*options, "--area", "area.gpkg")[0] == 0
+
+
 def test_feet_among_metres_end_at_once(folder: Path) -> None:
     rows = _hills()
     rows[16][2] /= 0.3048

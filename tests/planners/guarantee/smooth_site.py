@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.guarantee.kernel_posterior import WeightedKernel
+from planners.prediction.kernel_posterior import WeightedKernel
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import shapely
 
 from planners.guarantee.adaptive import (
@@ -10,16 +11,16 @@ from planners.guarantee.adaptive import (
     next_swath,
     survey_adaptively,
 )
-from planners.guarantee.kernel_posterior import (
+from planners.guarantee.survey_lines import SurveyLines
+from planners.prediction.kernel_posterior import (
     KernelPosterior,
     PriorBlocks,
     WeightedKernel,
     posterior_from_prior,
 )
-from planners.guarantee.survey_lines import SurveyLines
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
-from survey import Dem, Grid, SurveyArea
+from survey import Dem, Grid, InputError, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, map_surveys
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
@@ -102,6 +103,19 @@ def test_the_same_samples_give_the_same_answer_and_pieces_of_a_line_count_once()
     assert first.route is not None
     np.testing.assert_array_equal(first.route.legs[-1].xy, again.route.legs[-1].xy)
     assert len(SurveyLines(holed, 0.0).offsets_of(driven, 1.0)) == config.n_first
+
+
+def test_a_next_swath_that_leaves_the_free_ground_is_refused(monkeypatch: pytest.MonkeyPatch):
+    terrain, rng = smooth_terrain(), stream(9)
+    holed = SurveyArea(AREA.polygon.difference(shapely.box(100.0, 20.0, 200.0, 280.0)), CRS)
+    config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1, heading_deg=0.0)
+    driven = first_swaths(holed, KernelPosterior((SMOOTH,)), config)
+    xy = driven.sample(10.0).xy
+    heights = terrain.at(xy) + 0.1 * rng.standard_normal(len(xy))
+    across = [np.array([[50.0, 150.0], [250.0, 150.0]])]
+    monkeypatch.setattr(SurveyLines, "swath", lambda *_: across)
+    with pytest.raises(InputError, match="outside the area or in a no-go zone"):
+        next_swath(holed, driven, xy, heights, config)
 
 
 def test_swaths_are_not_planned_denser_for_what_later_ones_will_show():

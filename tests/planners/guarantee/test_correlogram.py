@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.error_distribution import Correlogram
+from planners.prediction.error_distribution import Correlogram
 from survey.reconstruction.gp.kernel_search import ALL, Cell
 
 

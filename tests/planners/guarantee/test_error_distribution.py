@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.error_distribution import ErrorDistribution, ErrorMoments
+from planners.prediction.error_distribution import ErrorDistribution, ErrorMoments
 
 
 def test_the_probability_is_that_of_drawn_mean_squares(rng):

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import planners
 from firnline.actions.guaranteeing import refusal_text
 from planners.guarantee.guarantee import SwathSearch, guarantee
 from planners.guarantee.requirement import MapRequirement
@@ -25,6 +26,23 @@ def test_a_guarantee_holds_on_simulated_terrain_and_states_its_assumptions():
     assert stated.holds
     assert stated.config.swaths <= made.config.swaths
     assert "as stated" in stated.assumptions
+
+
+def test_a_plan_of_the_guaranteed_route_predicts_the_same_error():
+    prior, wanted = coarse(smooth_terrain()), MapRequirement(0.4572, n_simulations=10, max_swaths=8)
+    made = guarantee(AREA, prior, wanted)
+    model = planners.prior_model(prior, AREA, wanted)
+    planned = planners.plan(AREA, prior, made.config, model=model).prediction
+    assert planned["rmse_m"] == pytest.approx(made.predicted.rmse_m, rel=1e-9)
+    assert planned["rmse_low_m"] < planned["rmse_m"] < planned["rmse_high_m"]
+    one = next(option for option in made.options if option.swaths == made.config.swaths)
+    assert (one.rmse_m, one.low_m, one.high_m) == pytest.approx(
+        [planned[name] for name in ("rmse_m", "rmse_low_m", "rmse_high_m")], rel=1e-9
+    )
+    errors, chances = np.array([(each.rmse_m, each.probability) for each in made.options]).T
+    assert (np.diff(errors) < 0.0).all()
+    assert (np.diff(chances) >= 0.0).all()
+    assert all(each.with_stakes >= each.probability for each in made.options)
 
 
 @pytest.mark.long
@@ -61,6 +79,8 @@ def test_the_error_that_can_be_reached_does_not_depend_on_the_limit():
     prior, wanted = coarse(smooth_terrain()), MapRequirement(0.05, n_simulations=10, max_swaths=6)
     strict, loose = (guarantee(AREA, prior, replace(wanted, limit_m=limit_m)) for limit_m in (0.05, 3.0))
     assert not strict.holds
+    assert "5 lines" in refusal_text(strict)
+    assert "instead of --require plans the densest" in refusal_text(strict)
     assert loose.holds
     assert strict.reachable_m == loose.reachable_m
 

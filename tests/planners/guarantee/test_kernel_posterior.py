@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.kernel_posterior import (
+from planners.prediction.assumptions import roughness_elsewhere
+from planners.prediction.kernel_posterior import (
     PriorBlocks,
     localized_noise_m,
     posterior_from_prior,
     posterior_from_survey,
 )
-from planners.guarantee.requirement import roughness_elsewhere
 from survey import Dem, Grid, SurveyArea
 from survey.reconstruction.gp.kernels import SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain

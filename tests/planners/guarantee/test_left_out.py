@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel, checked_by_lines
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel, checked_by_lines
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell
 

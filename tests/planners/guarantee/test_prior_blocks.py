@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.guarantee.kernel_posterior import Block, PriorBlocks
+from planners.prediction.kernel_posterior import Block, PriorBlocks
 from survey import Dem, Grid, SurveyArea
 from survey.core.errors import InputError
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential

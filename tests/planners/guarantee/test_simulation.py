@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
 from planners import LawnmowerConfig, plan
-from planners.guarantee.guarantee import GROUNDS, SimulatedErrors, SimulatedSurveys
-from planners.guarantee.kernel_posterior import KernelPosterior
 from planners.guarantee.requirement import MapRequirement
+from planners.guarantee.simulated_surveys import GROUNDS, SimulatedErrors, SimulatedSurveys
+from planners.prediction.error_model import ErrorModel
+from planners.prediction.kernel_posterior import KernelPosterior
 from survey import Grid, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell
@@ -26,9 +29,9 @@ def test_simulated_ground_agrees_with_the_prior(name):
 def test_simulated_maps_of_swaths_as_far_apart_as_cells_err_as_those_of_others():
     area = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
     rough = SMOOTH._replace(cell=Cell.of("squared-exponential", 12.0, -12.0))
-    surveys = SimulatedSurveys(
-        area, coarse(smooth_terrain()), KernelPosterior((rough,)), MapRequirement(1.0, n_simulations=10)
-    )
+    prior, wanted = coarse(smooth_terrain()), MapRequirement(1.0, n_simulations=10)
+    model = replace(ErrorModel.from_prior(area, prior, wanted), posterior=KernelPosterior((rough,)))
+    surveys = SimulatedSurveys(model, prior, wanted)
     before, meant, after = (
         surveys.errors(plan(area, None, LawnmowerConfig(swaths=n))).rmse_m[:10].mean() for n in (15, 16, 17)
     )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.requirement import roughness_elsewhere
+from planners.prediction.assumptions import roughness_elsewhere
 
 
 def test_ground_elsewhere_is_rougher_over_longer_lags_and_on_steeper_slopes():

@@ -3,7 +3,7 @@ import pytest
 import shapely
 
 from planners import BestConfig, LawnmowerConfig, VarianceDrivenConfig, WavyConfig, plan
-from planners.prediction import slope_length_m
+from planners.prediction.places import slope_length_m
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.core.config import validated
 from survey.reconstruction.gp.kernels import Matern32, SquaredExponential

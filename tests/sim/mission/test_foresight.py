@@ -7,7 +7,7 @@ import shapely
 from firnline.actions.guaranteeing import survey_options
 from firnline.actions.interface import NotMetError
 from planners import RandomWanderConfig
-from planners.prediction import covariance_of_cells
+from planners.prediction.prior_kernels import covariance_of_cells
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, predict_survey, surveys_within
 from sim.world.site import World

@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 from planners import LawnmowerConfig, plan
 from survey import InputError, SurveyArea
 from survey.io.vector import write_features
-from survey.scoring.change.volume_change import read_outlines
+from survey.scoring.differencing.volume_change import read_outlines
 
 UTM = CRS("EPSG:32608")
 WEST, SOUTH = 500_000.0, 6_470_000.0
@@ -173,3 +173,39 @@ def test_an_outline_of_41000_corners_is_simplified_and_planned(
     assert "an outline of 41001 corners; it is simplified to" in caplog.text
     assert shapely.hausdorff_distance(area.polygon, circle) <= 0.5
     assert area.polygon.area == pytest.approx(circle.area, rel=1e-4)
+
+
+COUNTRIES = [
+    shapely.box(6.0, 49.5, 6.5, 50.0),
+    MultiPolygon([shapely.box(177.0, -18.0, 180.0, -16.0), shapely.box(-180.0, -17.0, -179.5, -16.0)]),
+    Polygon([(-180.0, -90.0), (180.0, -90.0), (180.0, -84.0), (0.0, -70.0), (-180.0, -84.0)]),
+    MultiPolygon([shapely.box(-5.0, 43.0, 7.0, 49.0), shapely.box(-54.0, 2.0, -52.0, 5.0)]),
+]
+COUNTRY_NAMES = ["Luxembourg", "Fiji", "Antarctica", "France"]
+
+
+@pytest.mark.parametrize(
+    ("select", "crs", "words"),
+    [
+        ((), None, r"reaches [\d,]+ km from its middle .*choose outlines near each other with --select"),
+        (("France", "Fiji"), None, r"km from its middle \(France\).*--select Fiji"),
+        (("Antarctica",), None, r"km from its middle \(Antarctica\).*name a CRS \(--crs, crs=\)"),
+        (("Antarctica",), "EPSG:32633", "crosses itself|does not fit into"),
+    ],
+)
+def test_ground_that_no_projection_holds_is_named(
+    select: tuple[str, ...], crs: str | None, words: str, tmp_path: Path
+) -> None:
+    file = written(tmp_path / "countries.gpkg", COUNTRIES, "EPSG:4326", name=COUNTRY_NAMES)
+    with pytest.raises(InputError, match=words):
+        SurveyArea.read(file, select=select, crs=crs)
+    assert SurveyArea.read(file, select="Fiji").crs.to_epsg() in (32760, 32701)
+
+
+def test_neighbours_across_greenwich_stay_whole_beside_ground_cut_at_180_degrees(tmp_path: Path) -> None:
+    shapes = [shapely.box(-1.0, 70.0, 1.0, 71.0), *AT_180]
+    file = written(tmp_path / "a.gpkg", shapes, "EPSG:4326")
+    area = SurveyArea.read(file, crs="EPSG:3995")
+    assert len(shapely.get_parts(area.polygon)) == 2
+    alone = SurveyArea.read(written(tmp_path / "b.gpkg", shapes[:1], "EPSG:4326"), crs="EPSG:3995")
+    assert max(part.area for part in shapely.get_parts(area.polygon)) == pytest.approx(alone.polygon.area)

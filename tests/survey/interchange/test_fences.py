@@ -206,6 +206,18 @@ def test_the_way_of_a_jump_stays_within_the_fence_too(tmp_path):
         AutopilotMission.read(tmp_path / "b.plan")
 
 
+@pytest.mark.parametrize(("command", "name"), [(82, "NAV_SPLINE_WAYPOINT"), (18, "NAV_LOITER_TURNS")])
+def test_curves_that_are_not_compared_with_the_fence_are_named(tmp_path, command, name):
+    bent = {"command": command, "frame": 3, "params": [3, 0, 50, 0, 60.4312, -135.095, 0]}
+    (tmp_path / "a.plan").write_text(plan_with(polygon(True, *AROUND), bent))
+    assert any(
+        "checked along straight lines" in note and name in note
+        for note in AutopilotMission.read(tmp_path / "a.plan").notes
+    )
+    (tmp_path / "b.plan").write_text(plan_with({}, bent))
+    assert not any("straight" in note for note in AutopilotMission.read(tmp_path / "b.plan").notes)
+
+
 def test_a_single_place_is_compared_too():
     part = FencePart(False, AROUND)
     crs = SurveyArea(square(0, 1), CRS).crs

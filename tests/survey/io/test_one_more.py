@@ -15,8 +15,10 @@ from pyproj import CRS
 
 from survey.core import InputError
 from survey.data import Dem, SurfacePoints
+from survey.io.point_chunks import CHUNKED_SUFFIXES
 from survey.io.point_files import READ_ENDINGS
 from survey.io.vector import write_features
+from survey.reconstruction.tiled.job import TiledConfig, tiled_job
 
 UTM = CRS("EPSG:32608")
 XYZ = np.array([[500001.5, 6700001.5, 300.0], [500002.5, 6700001.5, 310.0], [500001.5, 6700002.5, 320.0]])
@@ -108,6 +110,35 @@ def test_readers_of_points_count_what_they_leave_out(tmp_path: Path, ending: str
     assert word in said
 
 
+def parquet(file: Path) -> str:
+    """Write classes of points, which LAS has in its records, as a column."""
+    import pyarrow as pa
+    from pyarrow import parquet as files
+
+    files.write_table(pa.table({**dict(zip("xyz", XYZ.T, strict=True)), "classification": [2, 7, 2]}), file)
+    return "not used: classification"
+
+
+CHUNKED: dict[str, Callable[[Path], str]] = {
+    **dict.fromkeys((".las", ".laz"), las),
+    ".ply": ply,
+    ".parquet": parquet,
+}
+
+
+def test_every_reader_in_chunks_is_in_the_table() -> None:
+    assert set(CHUNKED) == set(CHUNKED_SUFFIXES)
+
+
+@pytest.mark.parametrize("ending", CHUNKED)
+def test_readers_in_chunks_name_what_they_leave_out(tmp_path: Path, ending: str, caplog: Any) -> None:
+    word = CHUNKED[ending](tmp_path / f"a{ending}")
+    crs = None if ending in (".las", ".laz") else "EPSG:32608"
+    with caplog.at_level(logging.WARNING):
+        tiled_job([tmp_path / f"a{ending}"], tmp_path / "map", TiledConfig(), crs=crs)
+    assert word in caplog.text
+
+
 RASTERS: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     ("an unknown unit", {}, {"units": ("furlong",)}, "counts in 'furlong'"),
     ("a unit of feet", {}, {"units": ("ft",)}, "heights in feet"),
@@ -115,6 +146,7 @@ RASTERS: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     ("a system in feet", {"crs": "EPSG:2263"}, {}, "--units"),
     ("depths", {}, {"tags": {"positive": "down"}}, "counts downwards"),
     ("a mark that is not declared", {"mark": -9999.0}, {}, "not declared as nodata"),
+    ("a band more", {"bands": 2}, {}, "a.tif has 2 bands; band 1 is read"),
     ("a unit beside another system", {"crs": "EPSG:32608+6360"}, {"units": ("m",)}, "correct one of them"),
 ]
 
@@ -125,11 +157,18 @@ def test_readers_of_rasters_use_refuse_or_name_it(
 ) -> None:
     del name
     place = Affine(10.0, 0.0, 5e5, 0.0, -10.0, 6.7e6)
-    profile = {"height": 5, "width": 5, "count": 1, "dtype": "float32", "driver": "GTiff", "transform": place}
+    profile = {
+        "height": 5,
+        "width": 5,
+        "count": made.get("bands", 1),
+        "dtype": "float32",
+        "driver": "GTiff",
+        "transform": place,
+    }
     values = np.arange(300.0, 325.0).reshape(5, 5)
     values[0, 0] = made.get("mark", values[0, 0])
     with rasterio.open(tmp_path / "a.tif", "w", crs=made.get("crs", "EPSG:32608"), **profile) as target:
-        target.write(values.astype("f4"), 1)
+        target.write(np.stack([values] * target.count).astype("f4"))
         target.units = also.get("units", target.units)
         target.update_tags(1, **also.get("tags", {}))
     with caplog.at_level(logging.WARNING):
@@ -139,3 +178,49 @@ def test_readers_of_rasters_use_refuse_or_name_it(
         except InputError as error:
             said = str(error)
     assert word in said
+
+
+def test_bands_with_marks_of_their_own_are_read_by_them(tmp_path: Path) -> None:
+    place = Affine(10.0, 0.0, 5e5, 0.0, -10.0, 6.7e6)
+    values = np.arange(300.0, 325.0).reshape(5, 5)
+    profile = {
+        "height": 5,
+        "width": 5,
+        "count": 2,
+        "dtype": "float32",
+        "crs": "EPSG:32608",
+        "transform": place,
+    }
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", **profile) as target:
+        target.write(np.stack([values, values + 100.0]).astype("f4"))
+    bands = "".join(
+        f'<VRTRasterBand dataType="Float32" band="{k}"><NoDataValue>{mark}</NoDataValue><SimpleSource><SourceFilename relativeToVRT="1">a.tif'
+        f"</SourceFilename><SourceBand>{k}</SourceBand></SimpleSource></VRTRasterBand>"
+        for k, mark in ((1, 312), (2, 400))
+    )
+    (tmp_path / "a.vrt").write_text(
+        f'<VRTDataset rasterXSize="5" rasterYSize="5"><SRS>EPSG:32608</SRS><GeoTransform>{", ".join(map(str, place.to_gdal()))}'
+        f"</GeoTransform>{bands}</VRTDataset>"
+    )
+    for band, mark in ((1, 312.0), (2, 400.0)):
+        dem = Dem.read(tmp_path / "a.vrt", band=band)
+        assert np.array_equal(np.isnan(dem.elevation), values + 100.0 * (band - 1) == mark)
+
+
+def test_packed_numbers_of_netcdf_are_unpacked(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    values = np.arange(300.0, 325.0).reshape(5, 5)
+    values[0, 0] = np.nan
+    axes = {
+        "y": ("y", 6_700_045.0 - 10.0 * np.arange(5), {"standard_name": "projection_y_coordinate"}),
+        "x": ("x", 500_005.0 + 10.0 * np.arange(5), {"standard_name": "projection_x_coordinate"}),
+    }
+    variables = {
+        "z": (("y", "x"), values, {"units": "m", "grid_mapping": "crs"}),
+        "crs": ((), 0, UTM.to_cf()),
+    }
+    packed = {"dtype": "int16", "scale_factor": 0.5, "add_offset": 250.0, "_FillValue": -9999}
+    dataset = xarray.Dataset(variables, axes)
+    dataset.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", encoding={"z": packed})
+    assert Dem.read(tmp_path / "a.nc").elevation == pytest.approx(values, nan_ok=True)

@@ -104,6 +104,20 @@ def test_units_that_a_header_leaves_open_are_refused(
         tiled_job([file], tmp_path / "map", TiledConfig())
 
 
+def test_a_named_crs_stands_for_geokeys_without_a_code(tmp_path: Path, caplog: Any) -> None:
+    file = las(tmp_path / "a.las", keys={1024: 1, 3072: 32767, 2048: 4326, 4099: 9003}, foot=US_SURVEY_FOOT_M)
+    with pytest.raises(InputError, match="--crs"):
+        SurfacePoints.read(file, sigma_m=0.1)
+    points = SurfacePoints.read(file, sigma_m=0.1, crs="EPSG:32608")
+    assert points.xyz == pytest.approx(np.column_stack([XY, Z]), abs=0.002)
+    assert "without a code, which are not read; the CRS that was named, EPSG:32608, is used" in caplog.text
+    caplog.clear()
+    job = tiled_job([file], tmp_path / "map", TiledConfig(), crs="EPSG:32608")
+    assert job.map_crs.to_epsg() == 32608
+    assert job.pieces[0].metres == pytest.approx((1.0, US_SURVEY_FOOT_M))
+    assert "EPSG:32608, is used" in caplog.text
+
+
 def test_feet_among_metres_on_one_ground_are_refused_by_their_headers(tmp_path: Path) -> None:
     files = [
         las(tmp_path / "a.las", keys={3072: 32608}),

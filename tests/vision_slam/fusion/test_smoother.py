@@ -121,6 +121,13 @@ def test_no_landmark_through_the_gates_is_refused():
         localize(recording)
 
 
+def test_images_without_any_landmark_end_with_what_to_do():
+    time_s, position, attitude = circle(20)
+    sightings = Sightings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    with pytest.raises(InputError, match=r"no landmark could be placed.*localize the file of fixes alone"):
+        localize(sighted(time_s, position, attitude, sightings))
+
+
 def test_recording_gives_itself_back(tmp_path):
     time_s, position, attitude = circle(20)
     odometry = odometry_of(time_s, position, attitude)

@@ -118,8 +118,9 @@ def test_errors_of_unmeasured_steps_are_written_to_the_table(tmp_path: Path) -> 
     )  # six decimals are written
 
 
-def test_a_short_segment_before_a_gap_has_the_heading_of_its_fixes() -> None:
-    times = np.r_[np.arange(0.0, 15.0, 0.5), np.arange(25.0, 60.0, 0.5)]
+@pytest.mark.parametrize("until_s", [15.0, 0.5])
+def test_a_short_segment_or_one_image_before_a_gap_has_the_heading_of_its_fixes(until_s: float) -> None:
+    times = np.r_[np.arange(0.0, until_s, 0.5), np.arange(25.0, 60.0, 0.5)]
     place, attitude = _circle(times)
     step = np.einsum("nji,nj->ni", rotations(attitude[:-1]), np.diff(place, axis=0))
     first = int(np.flatnonzero(times >= 25.0)[0])

@@ -9,6 +9,7 @@ import pytest
 
 from survey.core.errors import FirnlineError
 from survey.data.camera import Camera
+from survey.data.sensors.records import Barometer, Compass, Inertial, SensorRecords, Wheels
 from vision_slam.recordings import read_sequence
 
 N = 4
@@ -129,6 +130,22 @@ def test_images_of_mixed_depth_are_refused(tmp_path: Path, depths: tuple[type, .
     _images(tmp_path, depths)
     with pytest.raises(FirnlineError, match=r"000001.png has uint\d+ pixels, the first image others"):
         read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("kind", [Wheels, Inertial, Compass, Barometer])
+def test_columns_of_readings_that_are_not_used_are_named(
+    tmp_path: Path, kind: type[SensorRecords], caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "a.csv"
+    times = np.arange(3.0)
+    shapes = {Inertial: ((3, 3), (3, 3)), Wheels: ((3,), (3,))}.get(kind, ((3,),))
+    kind(times, *map(np.ones, shapes)).write(file)
+    kind.read(file)
+    assert caplog.text == ""
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([f"{head},temperature_c,slip", *(f"{row},1,2" for row in rows), ""]))
+    kind.read(file)
+    assert f"{file}: not used: slip, temperature_c" in caplog.text
 
 
 @pytest.mark.parametrize("table", ["wheels.csv", "inertial.csv"])

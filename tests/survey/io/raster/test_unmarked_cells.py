@@ -48,6 +48,26 @@ def test_a_lake_a_pit_of_one_cell_and_cells_of_kilometres_pass(tmp_path: Path) -
     assert Dem.read(glacier(tmp_path / "coarse.tif", 0.0, transform=coarse)).elevation.min() == 0.0
 
 
+@pytest.mark.parametrize(("number", "n_cells"), [(0.0, 450), (700.0, 450), (880.0, 450), (780.0, 300)])
+def test_one_height_in_many_cells_beside_a_jump_is_named(
+    tmp_path: Path, number: float, n_cells: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    coarse = Affine(900.0, 0.0, 500_000.0, 0.0, -900.0, 6_700_300.0)
+    file = glacier(tmp_path / "a.tif", number, n_cells=n_cells, transform=coarse)
+    assert (Dem.read(file).elevation == number).sum() >= n_cells
+    assert f"a.tif holds exactly {number:g} m in {100 * n_cells // 900}% of its cells" in caplog.text
+    assert f"gdal_edit.py -a_nodata {number:g}" in caplog.text
+
+
+def test_water_that_meets_its_shore_is_not_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for name, level in (("sea.tif", 827.0), ("even.tif", 2000.0)):
+        file = glacier(tmp_path / name, 0.0, n_cells=0)
+        with rasterio.open(file, "r+") as raster:
+            raster.write(np.maximum(raster.read(1), level), 1)
+        Dem.read(file)
+    assert caplog.text == ""
+
+
 @pytest.mark.parametrize(
     ("factor", "words"), [(1000.0, "about 824,500"), (-1000.0, "about -824,500"), (15.0, "about 12,368")]
 )

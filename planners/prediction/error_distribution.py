@@ -19,11 +19,12 @@ from few of them, so that the logarithm for a new one has Student's distribution
 1993, Predictive Inference); what the cells of a prior or the samples of a survey leave open of the roughness is normal.
 The factors are integrated by Gauss-Legendre nodes of their distribution functions (`ErrorDistribution`).
 
-`LimitPredictor` computes the moments for the samples of a route. Where there are more samples than can be factorized at
-once, the map is judged in patches, each from the samples nearest to it.
+`MapPredictor` computes the moments for the samples of a route and the cells of the prior that the map is made with: C is what
+both leave open (see `survey.reconstruction.gp.prior_measurements`). Where there are more than can be factorized at once,
+places are predicted in groups, each from the samples and cells near it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
@@ -34,10 +35,11 @@ from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.prediction import slope_length_m, spread_places
+from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.prediction.places import spread_places
+from planners.prediction.prior_cells import PriorCells
 from survey import SurveyArea
-from survey.core import FloatArray
+from survey.core import FloatArray, IntArray
 from survey.reconstruction.gp.kernel_search import Cell
 
 _FREEDOM = 4.0
@@ -168,7 +170,10 @@ def _nodes() -> tuple[FloatArray, FloatArray]:
     return 0.5 * (1.0 + nodes), 0.5 * weights
 
 
-_STEPS_PER_LENGTH = 8192
+_STEPS_PER_LENGTH, _STEPS_PER_WIDTH = 8192, 128
+# Means over a square are those of its Gauss nodes, exact for cubic relief; directions within the eighth of a circle.
+_GAUSS, _SIGNS = 0.5 / np.sqrt(3.0), np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+_DIRECTIONS = np.pi / 4.0 * (np.arange(3) + 0.5) / 3.0
 _MOST_STEPS = 65536
 
 
@@ -209,6 +214,36 @@ class Correlogram:
         return read
 
 
+@dataclass(frozen=True, eq=False)
+class MeanCorrelogram(Correlogram):
+    """The correlation of a mean over a square with a place or, for two means, with that over another square, by distance.
+
+    It is averaged over the direction between them, which matters for neighbours alone.
+
+    `width_m`: side of the squares [m]. `n_means`: 1 or 2.
+    """
+
+    width_m: float
+    n_means: int
+
+    @property
+    def _step_m(self) -> float:
+        return max(self.width_m / _STEPS_PER_WIDTH, self.reach_m / _MOST_STEPS)
+
+    @cached_property
+    def _table(self) -> FloatArray:
+        lags = _GAUSS * self.width_m * _SIGNS
+        if self.n_means == 2:
+            lags = (lags[:, None] - lags).reshape(-1, 2)
+        steps = self._step_m * np.arange(int(np.ceil(self.reach_m / self._step_m)) + 2, dtype=np.float64)
+        total = np.zeros(len(steps))
+        for angle in _DIRECTIONS:
+            to = np.outer(steps, [np.cos(angle), np.sin(angle)])
+            for lag in lags:
+                total += self.cell.correlation(np.square(to + lag).sum(axis=1))
+        return total / (len(_DIRECTIONS) * len(lags))
+
+
 @njit(cache=True)
 def _read(a: FloatArray, b: FloatArray, table: FloatArray, per_m: float) -> FloatArray:
     """Return the correlations (A, B), linear between the entries of the table."""
@@ -224,34 +259,20 @@ def _read(a: FloatArray, b: FloatArray, table: FloatArray, per_m: float) -> Floa
 
 
 _N_NODES = 200
-
-
-# The first nodes give the covariance of errors at different nodes.
+# So many nodes give the covariance of errors at different nodes.
 _N_IN_COMMON = 120
-
 
 FITTED_KERNEL_INFLATION = 1.02
 """Ratio of errors with a fitted covariance to those with the true one, on rough terrain."""
 
-
-# Of more samples than this, those nearer to one another than a share of the slope length are averaged, but no more of
-# them than here: rough terrain changes between them.
-_MOST_FACTORIZED = 1000
-_AVERAGED = 0.2
-
-
 # Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
 _LEAST_RATIO = 4e-9
 
-
-# More samples are read in so many patches, of so many samples and places each.
-_MOST_AT_ONCE = 2000
-_N_PATCHES = 12
-_PATCH_SAMPLES = 250
-_PATCH_SHARE = 0.4
-_PATCH_NODES = np.sqrt((np.arange(24) + 0.5) / 24.0)[:, None] * np.column_stack(
-    [np.cos(2.4 * np.arange(24)), np.sin(2.4 * np.arange(24))]
-)
+# Maps of more samples or cells are predicted group by group of places, each from so many samples near it; the radius of a
+# group is at most a share of theirs. Samples of a long route are no nearer than a share of the distance between lines.
+_MOST_AT_ONCE, _MOST_CELLS = 1000, 500
+_N_NEAR, _NEAR_SHARE = 250, 0.4
+_SHARE_OF_GAP = 0.125
 
 
 class MapPrediction(NamedTuple):
@@ -261,123 +282,180 @@ class MapPrediction(NamedTuple):
     rmse_m: float
 
 
+class _Group(NamedTuple):
+    """Places that are predicted together (by number), and the samples (N, 2) and cells that predict them [m]."""
+
+    places: IntArray
+    xy: FloatArray
+    cells: PriorCells | None
+
+
 class _Seen(NamedTuple):
-    """Correlations of the places of a plan, for one family and length: among them, and with the nodes."""
+    """Correlations of samples and cells: among them (N + C, N + C), and with places (N + C, M)."""
 
     among: FloatArray
     across: FloatArray
-    common: FloatArray
+
+
+class _Left(NamedTuple):
+    """What a map leaves of one covariance at M places [m²].
+
+    ``variance`` (M,): error. ``noise`` (M,): its part from errors of samples and cells. ``squared``: sum of the squared
+    covariances of errors over all pairs of places [m⁴].
+    """
+
+    variance: FloatArray
+    noise: FloatArray
+    squared: float
 
 
 @dataclass(frozen=True, eq=False)
-class LimitPredictor:
-    """Predictor of the probability that samples at given places give a map within a limit.
+class MapPredictor:
+    """Predictor of the error of the map that samples at given places give, beside the cells of a prior.
 
-    `area`: where the map is judged, at 300 places or so. `limit_m`: largest root mean square error allowed
-    [m]. `step_m`: distance between samples [m]. `inflation`: factor on predicted errors for covariances that
-    are fitted. `shared_m`: standard deviation of an error of height that all samples share [m].
+    `area`: where the map is judged, at `n_nodes` places or so. `step_m`: distance between samples [m]. `inflation`: factor on
+    predicted errors for covariances that are fitted. `cells`: the prior that the map is made with.
     """
 
     area: SurveyArea
-    limit_m: float
     step_m: float
     inflation: float = 1.0
-    shared_m: float = 0.0
+    cells: PriorCells | None = None
+    n_nodes: int = _N_NODES
 
     @cached_property
     def nodes(self) -> FloatArray:
         """Places (M, 2) on the free ground [m], in no step with any swaths; any first part of them is spread evenly."""
-        return spread_places(self.area, _N_NODES)
+        return spread_places(self.area, self.n_nodes)
 
     @cached_property
     def _reach_m(self) -> float:
-        """Farthest that two places of the area can be apart [m]."""
+        """Farthest that two places of the area or its cells can be apart [m]."""
         xmin, ymin, xmax, ymax = self.area.bounds
-        return float(np.hypot(xmax - xmin, ymax - ymin))
-
-    def of(self, xy: FloatArray, posterior: KernelPosterior) -> MapPrediction:
-        """Predict the map made from samples at places.
-
-        `xy` (N, 2): places of the samples [m].
-        """
-        distribution = self.distribution(xy, posterior).with_shared(self.shared_m)
-        return MapPrediction(distribution.probability(self.limit_m), distribution.rmse_m)
+        pad_m = 0.0 if self.cells is None else 4.0 * self.cells.cell_m
+        return float(np.hypot(xmax - xmin + pad_m, ymax - ymin + pad_m))
 
     def distribution(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
-        """Predict the distribution of the map's error, from samples at places (N, 2) [m].
+        """Predict the distribution of the map's error, from samples at places (N, 2) [m]."""
+        parts, n = [], len(self.nodes)
+        for one, left in zip(posterior.kernels, self._left(xy, posterior, self.nodes), strict=True):
+            mean, noise = float(left.variance.mean()), float(left.noise.mean())
+            parts.append(ErrorMoments(mean, 2.0 * left.squared / n**2, one.weight, noise))
+        return ErrorDistribution(parts, posterior.spread, posterior.open_spread)
 
-        `xy` (N, 2): places of the samples [m].
+    def variance(self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray) -> FloatArray:
+        """Return the variance of the map (M,) at places (M, 2), from samples at places (N, 2) [m²].
+
+        It is the weighted geometric mean over the covariances, as the expected error is.
         """
-        if len(xy) > _MOST_AT_ONCE:
-            return self._in_patches(xy, posterior)
-        return ErrorDistribution(
-            self._moments(xy, posterior, self.nodes), posterior.spread, posterior.open_spread
-        )
+        weights = [one.weight for one in posterior.kernels]
+        logs = [np.log(np.maximum(one.variance, 1e-12)) for one in self._left(xy, posterior, at)]
+        variance: FloatArray = np.exp(np.average(logs, axis=0, weights=weights))
+        return variance
 
-    def _in_patches(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
-        """Predict the distribution from the moments of patches, whose errors are independent of one another."""
-        tree, patches = cKDTree(xy), []
-        for centre in self.nodes[:_N_PATCHES]:
-            far_m, near = tree.query(centre, _PATCH_SAMPLES)
-            radius_m = _PATCH_SHARE * float(np.max(far_m))
-            nodes = centre + radius_m * _PATCH_NODES
-            inside = nodes[self.area.contains(nodes)]
-            chosen = inside if len(inside) > 1 else np.vstack([centre, centre])
-            patches.append((self._moments(xy[np.asarray(near)], posterior, chosen), np.pi * radius_m**2))
-        total = []
-        for index, one in enumerate(posterior.kernels):
-            mean = float(np.mean([parts[index].mean for parts, _ in patches]))
-            noise = float(np.mean([parts[index].noise for parts, _ in patches]))
-            shares = [min(size_m2 / float(self.area.free.area), 1.0) for _, size_m2 in patches]
-            within = [
-                parts[index].variance * share for (parts, _), share in zip(patches, shares, strict=True)
-            ]
-            total.append(ErrorMoments(mean, float(np.mean(within)), one.weight, noise))
-        return ErrorDistribution(total, posterior.spread, posterior.open_spread)
+    def _left(self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray) -> list[_Left]:
+        """Return what the map leaves at places (M, 2), for each covariance."""
+        n_kernels = len(posterior.kernels)
+        thin = self._averaged(xy)
+        xy, posterior = xy[::thin], posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
+        variance, noise = np.empty((n_kernels, len(at))), np.empty((n_kernels, len(at)))
+        squared = np.zeros(n_kernels)
+        for group in self._groups(xy, at):
+            seen: dict[object, _Seen] = {}
+            for k, one in enumerate(posterior.kernels):
+                key = one.correlation_key
+                if key not in seen:
+                    seen[key] = self._seen(group, one, at)
+                left = self._under(one, seen[key], group, at)
+                variance[k, group.places], noise[k, group.places] = left.variance, left.noise
+                squared[k] += left.squared
+        return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
 
-    def _moments(self, xy: FloatArray, posterior: KernelPosterior, nodes: FloatArray) -> list[ErrorMoments]:
-        """Return the moments of the mean squared error over nodes (M, 2), for each covariance."""
-        seen: dict[tuple[str, float], _Seen] = {}
-        found = []
-        for one in posterior.kernels:
-            thin = self._averaged(one) if len(xy) > _MOST_FACTORIZED else 1
-            key = one.cell.family, one.cell.length
-            if key not in seen:
-                seen[key] = self._seen(xy[::thin], one.cell, nodes)
-            found.append(self._under(one, seen[key], thin))
-        return found
+    def _groups(self, xy: FloatArray, at: FloatArray) -> Iterator[_Group]:
+        """Yield all places together, or groups of them with the samples and cells about each."""
+        everywhere = np.arange(len(at))
+        if len(xy) <= _MOST_AT_ONCE and (self.cells is None or len(self.cells) <= _MOST_CELLS):
+            yield _Group(everywhere, xy, self.cells)
+            return
+        tree, waiting = cKDTree(xy), [everywhere]
+        while waiting:
+            index = waiting.pop()
+            centre = 0.5 * (at[index].min(axis=0) + at[index].max(axis=0))
+            far, near = tree.query(centre, min(_N_NEAR, len(xy)))
+            cells = None if self.cells is None else self.cells.nearest(centre, _N_NEAR)
+            known_m = min(float(np.max(far)), np.inf if cells is None else cells.farthest_m(centre))
+            radius_m = float(np.hypot(*(at[index] - centre).T).max())
+            if len(index) > 1 and radius_m > _NEAR_SHARE * known_m:
+                along = int(np.argmax(np.ptp(at[index], axis=0)))
+                waiting += np.array_split(index[np.argsort(at[index, along], kind="stable")], 2)
+                continue
+            yield _Group(index, xy[np.atleast_1d(near)], cells)
 
-    def _averaged(self, weighted: WeightedKernel) -> int:
-        """Return how many samples one place stands for."""
-        n = int(_AVERAGED * slope_length_m(weighted.kernel) / self.step_m)
-        return min(max(n, 1), weighted.cell.kind.most_averaged)
+    def _averaged(self, xy: FloatArray) -> int:
+        """Return how many neighbouring samples one stands for, so that samples near a place lie on several lines."""
+        if len(xy) <= _MOST_AT_ONCE:
+            return 1
+        apart_m = float(self.area.free.area) / (len(xy) * self.step_m)
+        return max(int(_SHARE_OF_GAP * apart_m / self.step_m), 1)
 
-    def _seen(self, places: FloatArray, cell: Cell, nodes: FloatArray) -> _Seen:
-        read, some = _correlogram(cell._replace(ratio=0.0), self._reach_m), nodes[:_N_IN_COMMON]
-        return _Seen(read.between(places, places), read.between(places, nodes), read.between(some, some))
+    def _seen(self, group: _Group, one: WeightedKernel, at: FloatArray) -> _Seen:
+        """Return the correlations of a group's samples and cells."""
+        xy, nodes = group.xy, at[group.places]
+        between = self._between(one)
+        among, across = between(xy, xy), between(xy, nodes)
+        if group.cells is None:
+            return _Seen(among, across)
+        cells, cell = group.cells.centre, one.cell._replace(ratio=0.0)
+        mean, means = (_mean_correlogram(cell, self._reach_m, group.cells.cell_m, n) for n in (1, 2))
+        with_xy = mean.between(cells, xy)
+        every = np.block([[among, with_xy.T], [with_xy, means.between(cells, cells)]])
+        return _Seen(every, np.vstack([across, mean.between(cells, nodes)]))
 
-    def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> ErrorMoments:
-        """Return the moments for one covariance; each place stands for `thin` samples."""
-        matrix = seen.among.copy()
-        ratio = max(weighted.noise_m**2 / thin / weighted.variance_m2, _LEAST_RATIO)
-        matrix[np.diag_indices(len(matrix))] += ratio
-        factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
+    def _between(self, one: WeightedKernel) -> Callable[[FloatArray, FloatArray], FloatArray]:
+        """Return the function that gives the correlation (A, B) of places (A, 2) with places (B, 2)."""
+        if one.known is None:
+            return _correlogram(one.cell._replace(ratio=0.0), self._reach_m).between
+        known, per_m2 = one.known, 1.0 / one.variance_m2
+        return lambda a, b: per_m2 * known.covariance(a, b)
+
+    def _under(self, one: WeightedKernel, seen: _Seen, group: _Group, at: FloatArray) -> _Left:
+        """Return what is left at a group's places under one covariance."""
+        scale_m2, n_places = self.inflation**2 * one.variance_m2, len(group.places)
+        errors = self._errors(one, group)
+        factor, failed = lapack.dpotrf((seen.among + errors).T, lower=1, overwrite_a=1, clean=1)
         if failed:
-            return ErrorMoments(weighted.variance_m2, weighted.variance_m2**2, weighted.weight)
-        half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(matrix)), seen.across]), lower=1)[0]
+            every = np.full(n_places, one.variance_m2)
+            return _Left(every, np.zeros(n_places), n_places**2 * one.variance_m2**2)
+        half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(factor)), seen.across]), lower=1)[0]
         ones, explained = half[:, 0], half[:, 1:]
         gap = (1.0 - ones @ explained) / (ones @ ones)
         left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) * (ones @ ones)
         weights = lapack.dtrtrs(factor, explained + np.outer(ones, gap), lower=1, trans=1)[0]
-        noise = ratio * np.square(weights).sum(axis=0).mean()
-        some, gap = explained[:, :_N_IN_COMMON], gap[:_N_IN_COMMON]
-        common = seen.common - some.T @ some + np.outer(gap, gap) * (ones @ ones)
-        scale_m2 = self.inflation**2 * weighted.variance_m2
-        common = scale_m2 * common
-        common[np.diag_indices(len(common))] += weighted.unseen_m2
-        mean = float((scale_m2 * left + weighted.unseen_m2).mean())
-        variance = 2.0 * float(np.square(common).mean())
-        return ErrorMoments(mean, variance, weighted.weight, scale_m2 * float(noise) + weighted.unseen_m2)
+        noise = np.einsum("ij,ij->j", weights, errors @ weights)
+        n = min(n_places, _N_IN_COMMON)
+        places, some, gap = at[group.places[:n]], explained[:, :n], gap[:n]
+        common = self._between(one)(places, places) - some.T @ some + np.outer(gap, gap) * (ones @ ones)
+        common *= scale_m2
+        common[np.diag_indices(n)] += one.unseen_m2
+        squared = float(np.square(common).sum()) * (n_places / n) ** 2
+        return _Left(scale_m2 * left + one.unseen_m2, scale_m2 * noise + one.unseen_m2, squared)
+
+    def _errors(self, one: WeightedKernel, group: _Group) -> FloatArray:
+        """Return the covariance of the errors of a group's samples and cells, over the variance of the terrain."""
+        ratio = max(one.noise_m**2 / one.variance_m2, _LEAST_RATIO)
+        n = len(group.xy)
+        n_cells = 0 if group.cells is None else len(group.cells)
+        errors = np.zeros((n + n_cells, n + n_cells))
+        errors[np.arange(n), np.arange(n)] = ratio
+        if group.cells is not None:
+            errors[n:, n:] = group.cells.covariance / one.variance_m2
+        return errors
+
+
+@lru_cache(maxsize=32)
+def _mean_correlogram(cell: Cell, reach_m: float, width_m: float, n_means: int) -> MeanCorrelogram:
+    """Return the table of a covariance with means over squares, which plans of one area share."""
+    return MeanCorrelogram(cell, reach_m, width_m, n_means)
 
 
 @lru_cache(maxsize=32)

@@ -25,19 +25,19 @@ roughness; its logarithm is weighed against 0 by how many independent values the
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import shapely
 from scipy.linalg import cho_factor, cho_solve, lapack
 
-from planners.guarantee.requirement import SURFACES, MapRequirement, Surface, roughness_elsewhere
-from planners.prediction import slope_length_m
+from planners.prediction.assumptions import SURFACES, MapAssumptions, Surface, roughness_elsewhere
+from planners.prediction.places import slope_length_m
 from survey import Dem, InputError, SurveyArea
 from survey.core import BoolArray, FloatArray, IntArray
 from survey.reconstruction.gp.families import SearchedFamily
 from survey.reconstruction.gp.kernel_search import ALL, Cell, KernelSearch
-from survey.reconstruction.gp.kernels import Kernel, Stationary
+from survey.reconstruction.gp.kernels import Kernel
 
 RESOLUTION_CELLS = 2.0
 """Width of what a cell of a coarse product shows, in cells: products resolve two to three of their cells."""
@@ -216,7 +216,7 @@ _RATIOS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 
 
 # Widths of what a cell shows, in cells: products resolve two to three of theirs, and do not state how many.
-_RESOLUTIONS = (2.0, 3.0)
+_RESOLUTIONS = (1.0, 2.0, 3.0)
 
 
 class FittedFamily(NamedTuple):
@@ -330,7 +330,8 @@ def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> 
 class WeightedKernel(NamedTuple):
     """A covariance that the terrain may have, the error of a sample under it [m], and its weight.
 
-    ``unseen_m2`` is the variance of relief so fine that samples show it as noise: each place of a map misses it.
+    ``unseen_m2`` is the variance of relief so fine that samples show it as noise: each place of a map misses it. ``known``
+    is a covariance of any kind that is given, in place of that of the cell.
     """
 
     cell: Cell
@@ -338,11 +339,23 @@ class WeightedKernel(NamedTuple):
     noise_m: float
     weight: float
     unseen_m2: float = 0.0
+    known: Kernel | None = None
+
+    @classmethod
+    def given(cls, kernel: Kernel, noise_m: float) -> Self:
+        """Take a covariance that is known [m²], with the error of a sample [m]."""
+        nearest = Cell.of("matern-3/2", kernel.length_scales_m[0], 0.0)
+        return cls(nearest, kernel.variance_m2, noise_m, 1.0, 0.0, kernel)
 
     @property
-    def kernel(self) -> Stationary:
+    def kernel(self) -> Kernel:
         """The covariance function [m²]."""
-        return self.cell.kernel(self.variance_m2)
+        return self.cell.kernel(self.variance_m2) if self.known is None else self.known
+
+    @property
+    def correlation_key(self) -> object:
+        """What kernels with the same correlations have in common."""
+        return (self.cell.family, self.cell.length) if self.known is None else self.known
 
 
 @dataclass(frozen=True)
@@ -365,6 +378,12 @@ class KernelPosterior:
         chosen = [one for one in order[:_MOST_KERNELS] if one.weight > _LEAST_WEIGHT * order[0].weight]
         total = sum(one.weight for one in chosen)
         return cls(tuple(one._replace(weight=one.weight / total) for one in chosen))
+
+    def with_noise_times(self, factor: float) -> "KernelPosterior":
+        """Return the covariances with the errors of samples multiplied by a factor."""
+        return replace(
+            self, kernels=tuple(one._replace(noise_m=factor * one.noise_m) for one in self.kernels)
+        )
 
     @property
     def likeliest(self) -> WeightedKernel:
@@ -468,16 +487,16 @@ def _clusters(n: int) -> IntArray:
     return chosen
 
 
-def posterior_in_grid(area: SurveyArea, prior: Dem, requirement: MapRequirement) -> KernelPosterior:
-    """Return the covariances that a prior makes likely, for a requirement whose lengths are grid metres."""
+def posterior_in_grid(area: SurveyArea, prior: Dem, assumed: MapAssumptions) -> KernelPosterior:
+    """Return the covariances that a prior makes likely, for assumptions whose lengths are grid metres."""
     return posterior_from_prior(
         PriorBlocks.of(area, prior),
-        noise_m=requirement.noise_m,
-        localization_m=requirement.localization_m,
-        prior_sigma_m=requirement.prior_sigma_m,
-        surface=requirement.surface,
-        micro_relief_m=requirement.micro_relief_m,
-        assumed=requirement.assumed,
+        noise_m=assumed.noise_m,
+        localization_m=assumed.localization_m,
+        prior_sigma_m=assumed.prior_sigma_m,
+        surface=assumed.surface,
+        micro_relief_m=assumed.micro_relief_m,
+        assumed=assumed.assumed,
     )
 
 
