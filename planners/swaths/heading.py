@@ -11,7 +11,7 @@ from survey import Dem, InputError
 from survey.core import FloatArray
 
 _MOST_EDGES = 24
-_AS_NARROW = 1.01
+_AS_NARROW = 1.005
 _MARKED = 3.0
 """How much more slopes along one direction vary than along the other where terrain has a marked grain."""
 
