@@ -33,7 +33,6 @@ def swaths_on(
     heading_deg: float,
     *,
     lines: list[FloatArray] | None = None,
-    inset_m: float = 0.0,
     headland_m: float = 0.0,
     fills_pockets: bool = True,
 ) -> list[FloatArray]:
@@ -47,37 +46,26 @@ def swaths_on(
 
     `spacing_m`: largest distance between neighbouring swaths [m]. `heading_deg`: direction of the first
     swath, counter-clockwise from east [deg]; the following swaths lie to its right. `lines`: to lay swaths on instead.
-    `inset_m`: how far swaths end before the border, along their heading [m]. `headland_m`: width of the strip along
-    every border that swaths leave free [m]. `fills_pockets`: whether ground beside the swaths gets some of its own.
-    Returns: both ends of every swath [m], cell by cell, all pointing along the heading.
+    `headland_m`: width of the strip along every border that swaths leave free [m]. `fills_pockets`: whether ground
+    beside the swaths gets some of its own. Returns: both ends of every swath [m], cell by cell, all pointing along the
+    heading.
     """
     _require_spacing(spacing_m)
-    for name, width_m in (("inset", inset_m), ("headland", headland_m)):
-        if not (np.isfinite(width_m) and width_m >= 0.0):
-            raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
+    if not (np.isfinite(headland_m) and headland_m >= 0.0):
+        raise ConfigError(f"the headland is {headland_m} m; it must be 0 or greater.")
     if lines is None:
         config = SwathConfig.model_validate({"spacing_m": spacing_m, "shortest_m": 0.0})
         lines, _ = lines_over(without_headland(ground, headland_m), config, heading_deg)
     lines = clip_lines(ground, lines, headland_m=headland_m)
     if fills_pockets:
         lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
-    lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
     if not lines:
         xmin, ymin, xmax, ymax = ground.polygon.bounds
         raise InputError(
-            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with an inset of {inset_m:g} m and a headland "
-            f"of {headland_m:g} m; reduce them or give a larger area."
+            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with a headland of {headland_m:g} m; "
+            "reduce it or give a larger area."
         )
     return _cell_by_cell(lines, heading_deg)
-
-
-def _shortened(line: FloatArray, inset_m: float) -> FloatArray | None:
-    """Return a straight line that ends `inset_m` earlier at both ends, or nothing when it is too short."""
-    length = float(np.hypot(*(line[-1] - line[0])))
-    if length - 2.0 * inset_m <= _SHORTEST_M:
-        return None
-    step = inset_m / length * (line[-1] - line[0])
-    return np.array([line[0] + step, line[-1] - step])
 
 
 def _require_spacing(spacing_m: float) -> None:

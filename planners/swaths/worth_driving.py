@@ -1,7 +1,7 @@
 """Swaths worth driving: pieces of a line joined around short notches, and pieces left out that are too short.
 
-Borders and no-go ground cut a line into pieces. A piece that is shorter than what it takes to get there and to turn
-measures less than it costs; a notch that is shorter to go around than this costs less than to come back behind it.
+A piece takes the way to it and its turns. It is left out where it measures less, and a notch in front of it is driven
+around where this is shorter.
 """
 
 from collections.abc import Sequence
