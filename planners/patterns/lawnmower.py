@@ -6,7 +6,6 @@ from planners.config import SwathConfig
 from planners.patterns.planner import LayoutTask, Planner
 from planners.swaths.reference_lines import Swath
 from survey import Route
-from survey.core import FloatArray
 
 
 class LawnmowerConfig(SwathConfig):
@@ -29,11 +28,7 @@ def straight_layout(config: SwathConfig, task: LayoutTask) -> Route:
     """Lay straight swaths over the area and join them."""
     from planners.swaths.swath_route import swath_route
 
-    def straight(axes: list[FloatArray], _: float) -> list[Swath]:
-        return [Swath(axis, axis) for axis in axes]
-
-    is_steered = not isinstance(config, LawnmowerConfig)
-    return swath_route(task.area, config, task.crew, straight, is_steered=is_steered)
+    return swath_route(task.area, config, task.crew, lambda axes, _: [Swath(axis, axis) for axis in axes])
 
 
 LAWNMOWER = Planner(LawnmowerConfig, straight_layout)

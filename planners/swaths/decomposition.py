@@ -14,11 +14,8 @@ from shapely import Polygon
 from planners.config import SwathConfig
 from planners.routes.local_search import ends_of
 from planners.routes.shortest_paths import FreeGround
-from planners.swaths.reference_lines import axes_of, lines_over, pieces_on
+from planners.swaths.reference_lines import CRUMB_M, axes_of, lines_over, pieces_on
 from survey.core import ConfigError, FloatArray, InputError, IntArray
-
-_SHORTEST_M = 0.01
-"""Clipping leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
 
 _CRUMB_M2 = 1e-4
 _THREAD_SHARE = 1e-6
@@ -34,7 +31,6 @@ def swaths_on(
     *,
     lines: list[FloatArray] | None = None,
     headland_m: float = 0.0,
-    fills_pockets: bool = True,
 ) -> list[FloatArray]:
     """Lay parallel swaths over the free ground.
 
@@ -46,9 +42,8 @@ def swaths_on(
 
     `spacing_m`: largest distance between neighbouring swaths [m]. `heading_deg`: direction of the first
     swath, counter-clockwise from east [deg]; the following swaths lie to its right. `lines`: to lay swaths on instead.
-    `headland_m`: width of the strip along every border that swaths leave free [m]. `fills_pockets`: whether ground
-    beside the swaths gets some of its own. Returns: both ends of every swath [m], cell by cell, all pointing along the
-    heading.
+    `headland_m`: width of the strip along every border that swaths leave free [m]. Returns: both ends of every swath
+    [m], cell by cell, all pointing along the heading.
     """
     _require_spacing(spacing_m)
     if not (np.isfinite(headland_m) and headland_m >= 0.0):
@@ -57,8 +52,7 @@ def swaths_on(
         config = SwathConfig.model_validate({"spacing_m": spacing_m, "shortest_m": 0.0})
         lines, _ = lines_over(without_headland(ground, headland_m), config, heading_deg)
     lines = clip_lines(ground, lines, headland_m=headland_m)
-    if fills_pockets:
-        lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
+    lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
     if not lines:
         xmin, ymin, xmax, ymax = ground.polygon.bounds
         raise InputError(
@@ -136,7 +130,7 @@ def _longest_through(piece: Polygon, heading_deg: float, least_m: float) -> Floa
         [[u.min() * along + offset * left, u.max() * along + offset * left] for offset in offsets]
     )
     met = shapely.length(shapely.intersection(piece, shapely.linestrings(lines)))
-    best = int(np.flatnonzero(met >= met.max() - _SHORTEST_M)[0])
+    best = int(np.flatnonzero(met >= met.max() - CRUMB_M)[0])
     longest: FloatArray = lines[best]
     return longest if met[best] > 0.0 else None
 

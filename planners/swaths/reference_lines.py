@@ -17,7 +17,7 @@ from planners.config import Corner, SwathConfig
 from survey import InputError, Route, SurveyArea
 from survey.core import FloatArray
 
-_SHORTEST_M = 0.01
+CRUMB_M = 0.01
 """Cutting leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
 
 _TOWARDS: dict[Corner, tuple[float, float]] = {
@@ -80,7 +80,7 @@ def lines_over(
     The width W across the heading is shared by n lines so that neighbours are
     ``D = W / (n - 1 + 2 o)`` apart and the outer ones `outer_share` o spacings from the
     border: for o = 1/2 the lines at ``(i + 1/2) W / n`` of the glacier paper. Where an outer one meets no
-    stretch that is worth a swath, as in a tip, W is less by half a spacing there.
+    stretch that is worth a swath, as in a tip, W is less by half a spacing there, or a whole one.
     """
     along, left = axes_of(heading_deg)
     corners = shapely.get_coordinates(ground)
@@ -88,7 +88,7 @@ def lines_over(
         return [], 0.0
     u, v = corners @ along, corners @ left
     reach, sides = np.array([u.min() - 1.0, u.max() + 1.0]), np.array([v.min(), v.max()])
-    for _ in range(2):
+    for _ in range(3):
         width = float(np.ptp(sides))
         n = n_lines(width, config)
         require_lines(n, width)
@@ -155,7 +155,7 @@ def pieces_on(shape: Any, line: FloatArray) -> list[FloatArray]:
     """Return the parts of a polyline that lie in a shape, in its order and direction."""
     full = shapely.linestrings(line)
     cut = shapely.get_parts(shapely.intersection(shape, full))
-    parts = [part for part in cut if part.geom_type == "LineString" and part.length > _SHORTEST_M]
+    parts = [part for part in cut if part.geom_type == "LineString" and part.length > CRUMB_M]
     if len(parts) > 1:
         # A line that touches a corner or runs along a border comes back in pieces.
         parts = list(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts))))

@@ -18,6 +18,7 @@ from planners.routes.rover import Crew, Rover, homes_of
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
 from planners.routes.turns import headland_m
+from planners.steering import SteeredConfig
 from planners.swaths.decomposition import clip_lines, swaths_on, without_headland
 from planners.swaths.heading import heading_by, undivided_heading
 from planners.swaths.reference_lines import (
@@ -37,13 +38,11 @@ SwathShape = Callable[[list[FloatArray], float], list[Swath]]
 """Returns what is driven along axes, each (2, 2) [m], that are a spacing [m] apart."""
 
 
-def swath_route(
-    area: SurveyArea, config: SwathConfig, crew: Crew, shape: SwathShape, *, is_steered: bool = False
-) -> Route:
+def swath_route(area: SurveyArea, config: SwathConfig, crew: Crew, shape: SwathShape) -> Route:
     """Lay swaths of a shape along reference lines, add tie lines, and join them.
 
     On a rectangle that the swaths run along, one rover that pivots sweeps them back and forth; otherwise they are cut
-    into cells and joined by `join_swaths`. Swaths that a rover steers about (`is_steered`) stay on their lines.
+    into cells and joined by `join_swaths`.
     """
     config = _with_heading(area, config, crew)
     lines = reference_lines(area, config, crew.rover.turn_m)
@@ -51,14 +50,16 @@ def swath_route(
     def tied(laid: list[Swath]) -> list[Swath]:
         return laid + tie_lines(area, config, lines.heading_deg, laid[-1].xy[-1])
 
-    spacing_m = lines.spacing_m
-    legs = _back_and_forth(tied(shape(lines.back_and_forth, spacing_m)), area) if crew.is_unbound else None
+    swept = tied(shape(lines.back_and_forth, lines.spacing_m))
+    legs = _back_and_forth(swept, area) if crew.is_unbound else None
     if legs is None:
         corner = None if config.start is None else lines.lines[0][0][0]
-        laid, spacing_m = _laid_on(area, config, lines, crew.rover, shape, is_steered=is_steered)
-        least_m = shortest_m(config, spacing_m, crew.rover.turn_m)
-        legs = join_swaths(tied(laid), area, crew, corner, shortest_m=least_m, bends=not is_steered)
-    return Route(legs, area.crs, config.pattern, spacing_m)
+        least_m = shortest_m(config, lines.spacing_m, crew.rover.turn_m)
+        # What is steered about a line needs ground along it.
+        bends = crew.rover.turn_radius_m == 0.0 and not isinstance(config, SteeredConfig)
+        laid = _laid_on(area, config, lines, crew.rover, shape)
+        legs = join_swaths(tied(laid), area, crew, corner, shortest_m=least_m, bends=bends)
+    return Route(legs, area.crs, config.pattern, lines.spacing_m)
 
 
 def _with_heading(area: SurveyArea, config: SwathConfig, crew: Crew) -> SwathConfig:
@@ -66,11 +67,10 @@ def _with_heading(area: SurveyArea, config: SwathConfig, crew: Crew) -> SwathCon
     if config.heading_deg is not None:
         return config
     ground = FreeGround(area.free)
-    heading_deg = (
-        undivided_heading(ground, config, crew.rover.turn_m)
-        if config.heading_rule == "narrowest"
-        else heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
-    )
+    if config.heading_rule == "narrowest":
+        heading_deg = undivided_heading(ground, config, crew.rover.turn_m)
+    else:
+        heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
     return config.model_copy(update={"heading_deg": heading_deg})
 
 
@@ -89,35 +89,26 @@ def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...
 
 
 def _laid_on(
-    area: SurveyArea,
-    config: SwathConfig,
-    lines: ReferenceLines,
-    rover: Rover,
-    shape: SwathShape,
-    *,
-    is_steered: bool,
-) -> tuple[list[Swath], float]:
-    """Lay swaths on ground of any shape, every metre proven to be on it, with room for turns; return their spacing too [m].
+    area: SurveyArea, config: SwathConfig, lines: ReferenceLines, rover: Rover, shape: SwathShape
+) -> list[Swath]:
+    """Lay swaths on ground of any shape, every metre proven to be on it, with room for turns at their ends.
 
-    The swath of a pocket beside a line is a piece of this line: the number of lines that is asked for is kept.
+    The swath of a pocket beside a line is a piece of this line: there are as many lines as were asked for.
     """
-    ground, heading_deg = FreeGround(area.free), lines.heading_deg
-    room_m = headland_m(rover, lines.spacing_m)
-    laid, spacing_m = lines_over(without_headland(ground, room_m), config, heading_deg, rover.turn_m)
-    fills = not is_steered or config.swaths is None
-    axes = swaths_on(ground, lines.spacing_m, heading_deg, lines=laid, headland_m=room_m, fills_pockets=fills)
+    ground, heading_deg, spacing_m = FreeGround(area.free), lines.heading_deg, lines.spacing_m
+    room_m = headland_m(rover, spacing_m)
+    laid, _ = lines_over(without_headland(ground, room_m), config, heading_deg, rover.turn_m)
+    axes = swaths_on(ground, spacing_m, heading_deg, lines=laid, headland_m=room_m)
     inset_m = max(config.inset_share * spacing_m - room_m, 0.0)
-    swaths = shape([shortened(axis, inset_m) for axis in axes], spacing_m)
-    if is_steered:
-        return swaths, spacing_m
     left = axes_of(heading_deg)[1]
-    at = np.array([line[0] @ left for line in laid])
-    for index, swath in enumerate(swaths):
-        moves = at - swath.axis[0] @ left
-        move = moves[np.argmin(np.abs(moves))]
-        if abs(move) > APART_M:
-            swaths[index] = Swath(swath.xy, swath.axis + move * left)
-    return swaths, spacing_m
+    swaths = []
+    for swath in shape([shortened(axis, inset_m) for axis in axes], spacing_m):
+        move = min(((line[0] - swath.axis[0]) @ left for line in laid), key=abs)
+        if abs(move) <= APART_M or (isinstance(config, SteeredConfig) and config.swaths is None):
+            swaths.append(swath)
+        elif not isinstance(config, SteeredConfig):
+            swaths.append(Swath(swath.xy, swath.axis + move * left))
+    return swaths
 
 
 def join_swaths(
@@ -138,7 +129,7 @@ def join_swaths(
     clipped = [
         Swath(xy, swath.axis) for swath in swaths for xy in clip_lines(ground, [swath.xy]) if len(xy) > 1
     ]
-    kept = worth_driving(clipped, ground, shortest_m, bends=bends and crew.rover.turn_radius_m == 0.0)
+    kept = worth_driving(clipped, ground, shortest_m, bends=bends)
     homes = homes_of(area, crew)
     if homes is not None and crew.makes_round_trips:
         return _shared(kept, ground, homes, crew)

@@ -24,18 +24,18 @@ def worth_driving(
 ) -> list[Swath]:
     """Join pieces of a line around short notches (`bends`), and leave out those shorter than `shortest_m` [m].
 
-    A line keeps its longest piece, and ground far from all other swaths keeps short ones, as does an arm that runs
-    across them. The swaths run along one heading or square to it.
+    A line keeps its longest piece. Ground far from all other swaths, such as an arm that runs across them, keeps pieces
+    of a quarter of this length. The swaths run along one heading or square to it.
     """
-    if not shortest_m > 0.0 or not swaths:
+    if shortest_m == 0.0 or not swaths:
         return list(swaths)
     swaths = _bridged(swaths, ground, shortest_m) if bends else swaths
-    lengths = np.array([_length_m(swath.xy) for swath in swaths])
     shapes = np.array([shapely.linestrings(swath.xy) for swath in swaths])
+    lengths = shapely.length(shapes)
     keeps = lengths >= shortest_m
     keeps[[line[np.argmax(lengths[line])] for line in _lines(swaths)]] = True
     for index in np.argsort(-lengths.round(3), kind="stable"):
-        if not keeps[index]:
+        if not keeps[index] and lengths[index] >= 0.25 * shortest_m:
             keeps[index] = shapely.distance(shapes[keeps], shapes[index]).min() > _NEAR * shortest_m
     kept = [swath for swath, keep in zip(swaths, keeps, strict=True) if keep]
     return _bridged(kept, ground, shortest_m) if bends else kept
