@@ -1,7 +1,9 @@
 """How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -9,16 +11,21 @@ from shapely import LineString, Polygon
 
 import planners
 from benchmarks.report import Row, cpu_seconds, fastest, main
+from firnline.actions.interface import read_about
 from planners.routes.fleet import share
 from planners.routes.rover import Mobility, predicted
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
+from planners.routes.traversability import between_heights
 from planners.swaths.decomposition import swaths_on, unswept
+from planners.swaths.reference_lines import narrowest_heading
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.route import Leg
+from survey.io.vector import read_features
+from survey.reconstruction.gp.kernels import Matern32
 
 SPACING_M = 20.0
 HEADING_DEG = 90.0
@@ -82,6 +89,7 @@ def rows(quick: bool) -> Iterator[Row]:
     yield from _four_hundred_segments()
     yield from _growth(quick)
     yield from _fleet()
+    yield from _pieces_of_real_outlines(quick)
 
 
 def _square_kilometre() -> Iterator[Row]:
@@ -159,6 +167,88 @@ def _fleet() -> Iterator[Row]:
 
 def _corner(n_rovers: int) -> FloatArray:
     return np.zeros((n_rovers, 2))
+
+
+DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
+INVENTORIES = (
+    ("dem_oggm_glaciers/outlines/rgi_oetztal.shp", "dem_oggm_glaciers/hintereisferner_srtm_90m.tif", 32632),
+    ("dem_exploradores_aster/17_rgi60_glacier_outlines.gpkg", "dem_exploradores_aster/AST_L1A_00303182012144228_Z.tif", 32718),
+)  # fmt: skip
+SINGLE = (
+    ("dem_oggm_glaciers/outlines/SouthGlacier.shp", 32607),
+    ("dem_avaframe_tirol/polygons/entGar.shp", 31287),
+    ("dem_avaframe_tirol/polygons/relGar2.shp", 31287),
+)
+_LEAST_M2, _MOST_OF_ONE = 0.3e6, 10
+
+
+def real_outlines() -> Iterator[SurveyArea]:
+    """Yield twenty outlines, chosen by a rule before anything was measured.
+
+    Of each inventory, the glaciers of 0.3 km² and more that lie within the DEM beside it, at most ten that are evenly
+    spread over their order by area; every other one is cut to its lower half, ragged as the cells of the DEM are.
+    """
+    for outlines, raster, crs in INVENTORIES:
+        keys = read_features(DATA / outlines).attributes["RGIId"]
+        glaciers = [SurveyArea.read(DATA / outlines, crs=crs, select=(f"RGIId={key}",)) for key in keys]
+        tall = [_tongue(glacier, DATA / raster) for glacier in glaciers if glacier.free.area >= _LEAST_M2]
+        inside = sorted((pair for pair in tall if pair is not None), key=lambda pair: pair[0].free.area)
+        n = min(len(inside), _MOST_OF_ONE)
+        for k, index in enumerate(np.linspace(0, len(inside) - 1, n).round().astype(int)):
+            yield inside[index][k % 2]
+    for outline, crs in SINGLE:
+        yield SurveyArea.read(DATA / outline, crs=crs, select=("*",))
+
+
+def _tongue(glacier: SurveyArea, raster: Path) -> tuple[SurveyArea, SurveyArea] | None:
+    """Return a glacier and its lower half; None where the DEM does not cover it."""
+    try:
+        dem = read_about(raster, glacier.bounds, glacier.crs, "the prior")
+    except InputError:
+        return None
+    heights = dem.elevation.ravel()[glacier.contains(dem.xy)]
+    if not shapely.box(*dem.bounds).covers(glacier.polygon) or np.isfinite(heights).mean() < 0.95:
+        return None
+    return glacier, between_heights(glacier, dem, below_m=float(np.nanmedian(heights)))
+
+
+def _pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
+    """Yield pieces, drive and error of swaths on real outlines, beside those of all pieces by the narrowest heading."""
+    if not DATA.is_dir():
+        return
+    areas = list(real_outlines())[:: 4 if quick else 1]
+    yield Row("real outlines", len(areas), "")
+    for n in (8, 16, 30):
+        found = np.array([_routed(area, n) for area in areas])
+        ours, every = found[:, 0], found[:, 1]
+        what = f"real outlines, {n} swaths"
+        yield Row.of(f"{what}: most lines beyond those asked for", (ours[:, 0] - n).max(), "", "<=", 0)
+        yield Row(f"{what}: pieces", ours[:, 1].sum(), "")
+        yield Row(f"{what}: all pieces", every[:, 1].sum(), "")
+        share = 100.0 * ours[:, 2].sum() / ours[:, 1].sum()
+        yield Row.of(f"{what}: pieces shorter than 50 m", share, "%", "<=", 5.0)
+        yield Row(
+            f"{what}: all pieces, shorter than 50 m", 100.0 * every[:, 2].sum() / every[:, 1].sum(), "%"
+        )
+        for name, column, limit in (("drive", 3, 1.03), ("turns", 4, 1.0), ("predicted RMSE", 5, 1.02)):
+            ratio = float((ours[:, column] / every[:, column]).mean())
+            yield Row.of(f"{what}: {name} / all pieces, mean", ratio, "x", "<=", limit)
+
+
+def _routed(area: SurveyArea, n: int) -> list[list[float]]:
+    """Return lines, pieces, those shorter than 50 m, drive [m], turns and predicted RMSE [m] of two lawnmowers."""
+    every = {"shortest_m": 0.0, "heading_deg": narrowest_heading(area.free)}
+    kernel = Matern32(20.0, float(np.sqrt(area.free.area)) / 8.0)
+    facts = []
+    for settings in ({}, every):
+        route = planners.plan(area, None, planners.LawnmowerConfig(swaths=n, **settings))
+        lengths = np.array([leg.length_m for leg in route.swaths])
+        step_m = max(route.length_m / 1200.0, 5.0)
+        error = planners.predict_error(route, area, kernel, noise_m=0.1, sample_step_m=step_m)
+        short = float((lengths < 50.0).sum())
+        turns = route.prediction["n_turns"]
+        facts.append([route.n_lines, len(lengths), short, route.length_m, turns, error.rmse_m])
+    return facts
 
 
 if __name__ == "__main__":

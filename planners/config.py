@@ -55,6 +55,8 @@ class SwathConfig(PatternConfig):
     """Distance of the outermost swaths from the border, in spacings."""
     inset_share: NonNegativeFloat = 0.0
     """How far swaths end before the border, in spacings."""
+    shortest_m: NonNegativeFloat | None = None
+    """Shortest swath that is driven [m]; by default half a spacing and four turns, which are what it takes to drive one more."""
     tie_lines: NonNegativeInt = 0
     """Number of lines driven across the swaths at the end."""
 
@@ -66,7 +68,7 @@ class SwathConfig(PatternConfig):
 
 
 _HORIZONTAL = (
-    "spacing_m", "wavelength_m", "step_m", "budget_m", "turn_radius_m", "clearance_m", "separation_m",
+    "spacing_m", "shortest_m", "wavelength_m", "step_m", "budget_m", "turn_radius_m", "clearance_m", "separation_m",
     "sample_step_m", "max_roughness_m", "speed_m_s",
 )  # fmt: skip
 """Settings that grow with the unit of the map. Heights count in it too where slopes are taken."""

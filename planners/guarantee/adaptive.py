@@ -25,6 +25,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
+import shapely
 
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import settings_factor
@@ -51,6 +52,8 @@ From adaptive surveys of the development landscapes of ``python -m benchmarks.pr
 _HOPELESS = 1e-3
 _HOPE = 0.1
 _LEAST_SEEN = 6
+_LONG_SHARE = 0.7
+"""Share of the longest swath that the first ones have at least."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,11 @@ class AdaptiveState:
         return float(place @ self.lines.left - self.lines.v.min())
 
     def nearest(self, lines: Sequence[tuple[float, float]]) -> tuple[float, float]:
-        """Return the line nearest to the rover; the first one is nearest to the edge where it starts."""
+        """Return the line nearest to the rover, or to the edge where it starts; at first, of those across the main body."""
+        if not self.is_fitted:
+            swaths = [self.lines.swath(*line, self.wavelength_m) for line in lines]
+            lengths = [max((shapely.linestrings(xy).length for xy in swath), default=0.0) for swath in swaths]
+            lines = [line for line, m in zip(lines, lengths, strict=True) if m >= _LONG_SHARE * max(lengths)]
         return nearest_line(lines, self.offset_of(self.here))
 
     @property

@@ -16,10 +16,12 @@ from planners.guarantee.requirement import MapRequirement
 from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.wavy import WavyConfig, wavy
 from planners.planning import plan
+from planners.routes.rover import Rover
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.decomposition import clip_lines
 from planners.swaths.heading import across_marked_grain
-from planners.swaths.reference_lines import axes_of, shortened
+from planners.swaths.reference_lines import axes_of, shortened, shortest_m
+from planners.swaths.worth_driving import worth_driving
 from survey import Dem, Route, SurveyArea
 from survey.core import FloatArray, IntArray
 
@@ -54,7 +56,9 @@ class SurveyLines:
         if not axes:
             return []
         config = WavyConfig(spacing_m=spacing_m)
-        return [swath.xy for swath in wavy(axes, self.area, config, spacing_m, wavelength_m)]
+        swaths = wavy(axes, self.area, config, spacing_m, wavelength_m)
+        least_m = shortest_m(config, spacing_m, Rover().turn_m)
+        return [swath.xy for swath in worth_driving(swaths, self.ground, least_m)]
 
     def offsets_of(self, route: Route, apart_m: float) -> list[float]:
         """Return the offsets of the lines driven [m]; pieces of one line, as about a hole, count once."""

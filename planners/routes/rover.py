@@ -276,6 +276,11 @@ class Rover(Mobility, RoverLimits, Turning):
         """Distance from every border that it needs where it turns [m]."""
         return turning_room_m(self.turn_radius_m)
 
+    @property
+    def turn_m(self) -> float:
+        """Distance that it could drive in the time of a turn, or that a half circle takes [m]."""
+        return max(self.turn_s * self.speed_m_s, float(np.pi) * self.turn_radius_m)
+
 
 class Fleet(Section):
     """Number of rovers that survey together, and where they finish.

@@ -11,14 +11,11 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from planners.capacity import require_lines
+from planners.config import SwathConfig
 from planners.routes.local_search import ends_of
 from planners.routes.shortest_paths import FreeGround
-from planners.swaths.reference_lines import axes_of
+from planners.swaths.reference_lines import CRUMB_M, axes_of, lines_over, pieces_on
 from survey.core import ConfigError, FloatArray, InputError, IntArray
-
-_SHORTEST_M = 0.01
-"""Clipping leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
 
 _CRUMB_M2 = 1e-4
 _THREAD_SHARE = 1e-6
@@ -32,9 +29,8 @@ def swaths_on(
     spacing_m: float,
     heading_deg: float,
     *,
-    inset_m: float = 0.0,
+    lines: list[FloatArray] | None = None,
     headland_m: float = 0.0,
-    outer_share: float = 0.5,
 ) -> list[FloatArray]:
     """Lay parallel swaths over the free ground.
 
@@ -45,58 +41,30 @@ def swaths_on(
     gets a swath of its own; `unswept` returns what is still left.
 
     `spacing_m`: largest distance between neighbouring swaths [m]. `heading_deg`: direction of the first
-    swath, counter-clockwise from east [deg]; the following swaths lie to its right. `inset_m`: how far swaths
-    end before the border, along their heading [m]. `headland_m`: width of the strip along every border that
-    swaths leave free [m]. Returns: both ends of every swath [m], cell by cell, all pointing along the
-    heading.
+    swath, counter-clockwise from east [deg]; the following swaths lie to its right. `lines`: to lay swaths on instead.
+    `headland_m`: width of the strip along every border that swaths leave free [m]. Returns: both ends of every swath
+    [m], cell by cell, all pointing along the heading.
     """
     _require_spacing(spacing_m)
-    for name, width_m in (("inset", inset_m), ("headland", headland_m)):
-        if not (np.isfinite(width_m) and width_m >= 0.0):
-            raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
-    inner = _without_headland(ground, headland_m)
-    lines = clip_lines(ground, _lines_over(inner, spacing_m, heading_deg, outer_share), headland_m=headland_m)
+    if not (np.isfinite(headland_m) and headland_m >= 0.0):
+        raise ConfigError(f"the headland is {headland_m} m; it must be 0 or greater.")
+    if lines is None:
+        config = SwathConfig.model_validate({"spacing_m": spacing_m, "shortest_m": 0.0})
+        lines, _ = lines_over(without_headland(ground, headland_m), config, heading_deg)
+    lines = clip_lines(ground, lines, headland_m=headland_m)
     lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
-    lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
     if not lines:
         xmin, ymin, xmax, ymax = ground.polygon.bounds
         raise InputError(
-            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with an inset of {inset_m:g} m and a headland "
-            f"of {headland_m:g} m; reduce them or give a larger area."
+            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with a headland of {headland_m:g} m; "
+            "reduce it or give a larger area."
         )
     return _cell_by_cell(lines, heading_deg)
-
-
-def _shortened(line: FloatArray, inset_m: float) -> FloatArray | None:
-    """Return a straight line that ends `inset_m` earlier at both ends, or nothing when it is too short."""
-    length = float(np.hypot(*(line[-1] - line[0])))
-    if length - 2.0 * inset_m <= _SHORTEST_M:
-        return None
-    step = inset_m / length * (line[-1] - line[0])
-    return np.array([line[0] + step, line[-1] - step])
 
 
 def _require_spacing(spacing_m: float) -> None:
     if not (np.isfinite(spacing_m) and spacing_m > 0.0):
         raise ConfigError(f"the spacing of the swaths is {spacing_m} m; it must be greater than 0.")
-
-
-def _lines_over(polygon: Any, spacing_m: float, heading_deg: float, outer_share: float) -> list[FloatArray]:
-    """Return evenly spaced lines over the polygon, longer than it."""
-    along, left = axes_of(heading_deg)
-    right = -left
-    xy = shapely.get_coordinates(polygon)
-    if not len(xy):
-        return []
-    u, v = xy @ along, xy @ right
-    width = v.max() - v.min()
-    require_lines(int(min(width / spacing_m, 1e15)), width)
-    n = max(int(np.ceil(width / spacing_m + 1.0 - 2.0 * outer_share - 1e-9)), 1)
-    distance = width / (n - 1 + 2.0 * outer_share)
-    offsets = v.min() + 0.5 * width + (np.arange(n) - 0.5 * (n - 1)) * distance
-    reach = 1.0 + 0.01 * (u.max() - u.min())
-    first, last = (u.min() - reach) * along, (u.max() + reach) * along
-    return [np.array([first + offset * right, last + offset * right]) for offset in offsets]
 
 
 def _cell_by_cell(lines: list[FloatArray], heading_deg: float) -> list[FloatArray]:
@@ -122,11 +90,11 @@ def unswept(
     swept = shapely.union_all(
         shapely.buffer([shapely.linestrings(swath) for swath in swaths], half_m, quad_segs=16)
     )
-    rest = shapely.get_parts(shapely.difference(_without_headland(ground, headland_m), swept))
+    rest = shapely.get_parts(shapely.difference(without_headland(ground, headland_m), swept))
     return sorted((piece for piece in rest if piece.area > _CRUMB_M2), key=lambda piece: -piece.area)
 
 
-def _without_headland(ground: FreeGround, headland_m: float) -> Any:
+def without_headland(ground: FreeGround, headland_m: float) -> Any:
     """Return the ground less a border of that width; the same at swaths, headlands and pockets."""
     return ground.polygon if headland_m == 0.0 else ground.polygon.buffer(-headland_m, quad_segs=4)
 
@@ -162,7 +130,7 @@ def _longest_through(piece: Polygon, heading_deg: float, least_m: float) -> Floa
         [[u.min() * along + offset * left, u.max() * along + offset * left] for offset in offsets]
     )
     met = shapely.length(shapely.intersection(piece, shapely.linestrings(lines)))
-    best = int(np.flatnonzero(met >= met.max() - _SHORTEST_M)[0])
+    best = int(np.flatnonzero(met >= met.max() - CRUMB_M)[0])
     longest: FloatArray = lines[best]
     return longest if met[best] > 0.0 else None
 
@@ -173,34 +141,17 @@ def clip_lines(ground: FreeGround, lines: list[FloatArray], *, headland_m: float
     Where the exact piece is not covered by the ground because of rounding, it is cut at
     a border moved `MARGIN_M` inwards instead.
     """
-    shape = _without_headland(ground, headland_m)
+    shape = without_headland(ground, headland_m)
     inner = ground.inner if headland_m == 0.0 else shape
     shapely.prepare(shape)
     pieces: list[FloatArray] = []
     for line in lines:
-        for piece in _pieces(shape, line):
+        for piece in pieces_on(shape, line):
             if ground.covers(shapely.linestrings(piece)):
                 pieces.append(piece)
             else:
-                pieces.extend(p for p in _pieces(inner, piece) if ground.covers(shapely.linestrings(p)))
+                pieces.extend(p for p in pieces_on(inner, piece) if ground.covers(shapely.linestrings(p)))
     return pieces
-
-
-def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
-    """Return the parts of a polyline that lie in a shape, in its order and direction."""
-    full = shapely.linestrings(line)
-    cut = shapely.get_parts(shapely.intersection(shape, full))
-    parts = [part for part in cut if part.geom_type == "LineString" and part.length > _SHORTEST_M]
-    if len(parts) > 1:
-        # A line that touches a corner or runs along a border comes back in pieces.
-        parts = list(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts))))
-    arrays = []
-    for part in parts:
-        xy = shapely.get_coordinates(part)
-        xy = xy[[0, -1]] if len(line) == 2 else xy
-        ends = shapely.line_locate_point(full, shapely.points(xy[[0, -1]]))
-        arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
-    return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
 
 
 def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:

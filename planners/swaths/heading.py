@@ -4,14 +4,14 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from planners.config import HeadingRule
+from planners.config import HeadingRule, SwathConfig
 from planners.routes.shortest_paths import FreeGround
-from planners.swaths.decomposition import swaths_on
-from planners.swaths.reference_lines import axes_of, narrowest_heading
+from planners.swaths.reference_lines import axes_of, lines_over, narrowest_heading, shortest_m
 from survey import Dem, InputError
 from survey.core import FloatArray
 
 _MOST_EDGES = 24
+_AS_NARROW = 1.005
 _MARKED = 3.0
 """How much more slopes along one direction vary than along the other where terrain has a marked grain."""
 
@@ -32,7 +32,8 @@ def heading_by(
     if rule == "fewest-swaths":
         if spacing_m is None:
             raise InputError("the rule fewest-swaths needs the spacing of the swaths; name it.")
-        return _fewest_swaths(ground, spacing_m)
+        config = SwathConfig.model_validate({"spacing_m": spacing_m})
+        return undivided_heading(ground, config, as_narrow=np.inf)
     if dem is None:
         raise InputError(f"the rule {rule} needs a DEM of the ground; give one or choose narrowest.")
     east, north = _gradient_within(dem, ground.polygon)
@@ -67,18 +68,21 @@ def _edge_headings(xy: FloatArray) -> FloatArray:
     return headings
 
 
-def _fewest_swaths(ground: FreeGround, spacing_m: float) -> float:
-    largest = ground.parts[0]
-    candidates = np.union1d(
-        _edge_headings(shapely.get_coordinates(largest.exterior)),
-        _edge_headings(shapely.get_coordinates(ground.polygon.convex_hull)),
-    )
+def undivided_heading(
+    ground: FreeGround, config: SwathConfig, turn_m: float = 0.0, *, as_narrow: float = _AS_NARROW
+) -> float:
+    """Return the heading with the fewest pieces of lines, of those whose width is at most `as_narrow` of the least [deg]."""
+    hull = ground.polygon.convex_hull
+    edges = [_edge_headings(shapely.get_coordinates(ring)) for ring in (ground.parts[0].exterior, hull)]
+    headings = np.r_[narrowest_heading(hull), np.union1d(*edges)]
+    widths = np.array([np.ptp(shapely.get_coordinates(hull) @ axes_of(heading)[1]) for heading in headings])
 
-    def effort(heading_deg: float) -> tuple[int, float]:
-        swaths = swaths_on(ground, spacing_m, heading_deg)
-        return len(swaths), float(sum(np.hypot(*(s[-1] - s[0])) for s in swaths))
+    def n_pieces(heading_deg: float) -> int:
+        lines, spacing_m = lines_over(ground.polygon, config, heading_deg, turn_m)
+        pieces = shapely.get_parts(shapely.intersection(ground.polygon, shapely.linestrings(lines)))
+        return int((shapely.length(pieces) >= shortest_m(config, spacing_m, turn_m)).sum())
 
-    return float(min(candidates, key=effort))
+    return float(min(headings[widths <= as_narrow * widths[0]], key=n_pieces))
 
 
 def _gradient_within(dem: Dem, free: Polygon | MultiPolygon) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from planners.config import Corner, SwathConfig
 from survey import InputError, Route, SurveyArea
 from survey.core import FloatArray
 
-_SHORTEST_M = 0.01
+CRUMB_M = 0.01
 """Cutting leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
 
 _TOWARDS: dict[Corner, tuple[float, float]] = {
@@ -56,24 +56,11 @@ class ReferenceLines:
         return axes
 
 
-def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
-    """Lay the reference lines of a pattern over an area.
-
-    The width W across the heading is shared by n lines so that neighbours are
-    ``D = W / (n - 1 + 2 o)`` apart and the outer ones `outer_share` o spacings from the
-    border: for o = 1/2 the lines at ``(i + 1/2) W / n`` of the glacier paper.
-    """
+def reference_lines(area: SurveyArea, config: SwathConfig, turn_m: float = 0.0) -> ReferenceLines:
+    """Lay the reference lines of a pattern over an area; `turn_m` is what a turn takes [m]."""
     heading_deg = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
-    along, left = axes_of(heading_deg)
-    corners = shapely.get_coordinates(area.free)
-    u, v = corners @ along, corners @ left
-    width = float(np.ptp(v))
-    n = n_lines(width, config)
-    require_lines(n, width)
-    spacing_m = width / (n - 1 + 2.0 * config.outer_share)
-    offsets = v.min() + 0.5 * (width - (n - 1) * spacing_m) + spacing_m * np.arange(n)
-    reach = np.array([u.min() - 1.0, u.max() + 1.0])
-    cut = [_pieces(area.free, reach[:, None] * along + offset * left) for offset in offsets]
+    laid, spacing_m = lines_over(area.free, config, heading_deg, turn_m)
+    cut = [pieces_on(area.free, line) for line in laid]
     lines = [
         tuple(shortened(piece, config.inset_share * spacing_m) for piece in line) for line in cut if line
     ]
@@ -83,6 +70,47 @@ def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
             f"no swath meets the free ground of the area of {xmax - xmin:.1f} × {ymax - ymin:.1f} m; ask for more swaths."
         )
     return ReferenceLines(_from_corner(lines, area, config.start), spacing_m, heading_deg)
+
+
+def lines_over(
+    ground: Any, config: SwathConfig, heading_deg: float, turn_m: float = 0.0
+) -> tuple[list[FloatArray], float]:
+    """Return evenly spaced lines over the ground, longer than it, from right to left of the heading, and their spacing [m].
+
+    The width W across the heading is shared by n lines so that neighbours are
+    ``D = W / (n - 1 + 2 o)`` apart and the outer ones `outer_share` o spacings from the
+    border: for o = 1/2 the lines at ``(i + 1/2) W / n`` of the glacier paper. Where an outer one meets no
+    stretch that is worth a swath, as in a tip, W is less by half a spacing there, or a whole one.
+    """
+    along, left = axes_of(heading_deg)
+    corners = shapely.get_coordinates(ground)
+    if not len(corners):
+        return [], 0.0
+    u, v = corners @ along, corners @ left
+    reach, sides = np.array([u.min() - 1.0, u.max() + 1.0]), np.array([v.min(), v.max()])
+    for _ in range(3):
+        width = float(np.ptp(sides))
+        n = n_lines(width, config)
+        require_lines(n, width)
+        spacing_m = width / (n - 1 + 2.0 * config.outer_share)
+        offsets = sides[0] + 0.5 * (width - (n - 1) * spacing_m) + spacing_m * np.arange(n)
+        lines: list[FloatArray] = [reach[:, None] * along + offset * left for offset in offsets]
+        outer = shapely.intersection(ground, shapely.linestrings([lines[0], lines[-1]]))
+        longest = np.array([shapely.length(shapely.get_parts(cut)).max(initial=0.0) for cut in outer])
+        is_tip = longest < shortest_m(config, spacing_m, turn_m)
+        if n == 1 or not is_tip.any():
+            break
+        sides = sides + 0.5 * spacing_m * is_tip * np.array([1.0, -1.0])
+    return lines, float(spacing_m)
+
+
+def shortest_m(config: SwathConfig, spacing_m: float, turn_m: float) -> float:
+    """Return the length of the shortest swath worth driving [m]: half a spacing to get there, and two turns at each end.
+
+    >>> shortest_m(SwathConfig(swaths=4), 40.0, 4.0)
+    36.0
+    """
+    return 0.5 * spacing_m + 4.0 * turn_m if config.shortest_m is None else config.shortest_m
 
 
 def n_lines(width_m: float, config: SwathConfig) -> int:
@@ -123,17 +151,21 @@ def narrowest_heading(polygon: Any) -> float:
     return float(good[np.argmin(np.minimum(good, 180.0 - good))])
 
 
-def _pieces(ground: Any, line: FloatArray) -> list[FloatArray]:
-    """Return the parts of a straight line (2, 2) on the ground, in its order and direction."""
-    parts = shapely.get_parts(shapely.intersection(ground, shapely.linestrings(line)))
-    pieces = [
-        shapely.get_coordinates(part)[[0, -1]]
-        for part in parts
-        if part.geom_type == "LineString" and part.length > _SHORTEST_M
-    ]
-    direction = line[1] - line[0]
-    turned = [piece if (piece[1] - piece[0]) @ direction > 0.0 else piece[::-1] for piece in pieces]
-    return sorted(turned, key=lambda piece: float(piece[0] @ direction))
+def pieces_on(shape: Any, line: FloatArray) -> list[FloatArray]:
+    """Return the parts of a polyline that lie in a shape, in its order and direction."""
+    full = shapely.linestrings(line)
+    cut = shapely.get_parts(shapely.intersection(shape, full))
+    parts = [part for part in cut if part.geom_type == "LineString" and part.length > CRUMB_M]
+    if len(parts) > 1:
+        # A line that touches a corner or runs along a border comes back in pieces.
+        parts = list(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts))))
+    arrays = []
+    for part in parts:
+        xy = shapely.get_coordinates(part)
+        xy = xy[[0, -1]] if len(line) == 2 else xy
+        ends = shapely.line_locate_point(full, shapely.points(xy[[0, -1]]))
+        arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
+    return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
 
 
 def shortened(axis: FloatArray, inset_m: float) -> FloatArray:

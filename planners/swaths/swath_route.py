@@ -18,9 +18,19 @@ from planners.routes.rover import Crew, Rover, homes_of
 from planners.routes.shortest_paths import FreeGround
 from planners.routes.tours import connect
 from planners.routes.turns import headland_m
-from planners.swaths.decomposition import clip_lines, swaths_on
-from planners.swaths.heading import heading_by
-from planners.swaths.reference_lines import ReferenceLines, Swath, reference_lines, shortened
+from planners.steering import SteeredConfig
+from planners.swaths.decomposition import clip_lines, swaths_on, without_headland
+from planners.swaths.heading import heading_by, undivided_heading
+from planners.swaths.reference_lines import (
+    ReferenceLines,
+    Swath,
+    axes_of,
+    lines_over,
+    reference_lines,
+    shortened,
+    shortest_m,
+)
+from planners.swaths.worth_driving import APART_M, worth_driving
 from survey import Leg, Route, SurveyArea
 from survey.core import FloatArray
 
@@ -35,25 +45,32 @@ def swath_route(area: SurveyArea, config: SwathConfig, crew: Crew, shape: SwathS
     into cells and joined by `join_swaths`.
     """
     config = _with_heading(area, config, crew)
-    lines = reference_lines(area, config)
+    lines = reference_lines(area, config, crew.rover.turn_m)
 
-    def swaths(axes: list[FloatArray]) -> list[Swath]:
-        laid = shape(axes, lines.spacing_m)
+    def tied(laid: list[Swath]) -> list[Swath]:
         return laid + tie_lines(area, config, lines.heading_deg, laid[-1].xy[-1])
 
-    legs = _back_and_forth(swaths(lines.back_and_forth), area) if crew.is_unbound else None
+    swept = tied(shape(lines.back_and_forth, lines.spacing_m))
+    legs = _back_and_forth(swept, area) if crew.is_unbound else None
     if legs is None:
         corner = None if config.start is None else lines.lines[0][0][0]
-        legs = join_swaths(swaths(_axes_on(area, config, lines, crew.rover)), area, crew, corner)
+        least_m = shortest_m(config, lines.spacing_m, crew.rover.turn_m)
+        # What is steered about a line needs ground along it.
+        bends = crew.rover.turn_radius_m == 0.0 and not isinstance(config, SteeredConfig)
+        laid = _laid_on(area, config, lines, crew.rover, shape)
+        legs = join_swaths(tied(laid), area, crew, corner, shortest_m=least_m, bends=bends)
     return Route(legs, area.crs, config.pattern, lines.spacing_m)
 
 
 def _with_heading(area: SurveyArea, config: SwathConfig, crew: Crew) -> SwathConfig:
     """Return the configuration with the heading that its rule gives."""
-    if config.heading_deg is not None or config.heading_rule == "narrowest":
+    if config.heading_deg is not None:
         return config
     ground = FreeGround(area.free)
-    heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
+    if config.heading_rule == "narrowest":
+        heading_deg = undivided_heading(ground, config, crew.rover.turn_m)
+    else:
+        heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
     return config.model_copy(update={"heading_deg": heading_deg})
 
 
@@ -71,40 +88,55 @@ def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...
     return tuple(legs) if stays else None
 
 
-def _axes_on(area: SurveyArea, config: SwathConfig, lines: ReferenceLines, rover: Rover) -> list[FloatArray]:
-    """Cut the lines to ground of any shape, every metre proven to be on it, with room for turns at their ends."""
-    room_m = headland_m(rover, lines.spacing_m)
-    axes = swaths_on(
-        FreeGround(area.free),
-        lines.spacing_m,
-        lines.heading_deg,
-        headland_m=room_m,
-        outer_share=config.outer_share,
-    )
-    return [shortened(axis, max(config.inset_share * lines.spacing_m - room_m, 0.0)) for axis in axes]
+def _laid_on(
+    area: SurveyArea, config: SwathConfig, lines: ReferenceLines, rover: Rover, shape: SwathShape
+) -> list[Swath]:
+    """Lay swaths on ground of any shape, every metre proven to be on it, with room for turns at their ends.
+
+    The swath of a pocket beside a line is a piece of this line: there are as many lines as were asked for.
+    """
+    ground, heading_deg, spacing_m = FreeGround(area.free), lines.heading_deg, lines.spacing_m
+    room_m = headland_m(rover, spacing_m)
+    laid, _ = lines_over(without_headland(ground, room_m), config, heading_deg, rover.turn_m)
+    axes = swaths_on(ground, spacing_m, heading_deg, lines=laid, headland_m=room_m)
+    inset_m = max(config.inset_share * spacing_m - room_m, 0.0)
+    left = axes_of(heading_deg)[1]
+    swaths = []
+    for swath in shape([shortened(axis, inset_m) for axis in axes], spacing_m):
+        move = min(((line[0] - swath.axis[0]) @ left for line in laid), key=abs)
+        if abs(move) <= APART_M or (isinstance(config, SteeredConfig) and config.swaths is None):
+            swaths.append(swath)
+        elif not isinstance(config, SteeredConfig):
+            swaths.append(Swath(swath.xy, swath.axis + move * left))
+    return swaths
 
 
 def join_swaths(
-    swaths: Sequence[Swath], area: SurveyArea, crew: Crew, corner: FloatArray | None = None
+    swaths: Sequence[Swath],
+    area: SurveyArea,
+    crew: Crew,
+    corner: FloatArray | None = None,
+    *,
+    shortest_m: float = 0.0,
+    bends: bool = False,
 ) -> tuple[Leg, ...]:
     """Clip swaths to the free ground, order them and join them by the shortest transits found.
 
     Turning radii, several rovers, batteries and a place to finish are those of the crew. `corner` (2,): where the area
-    has no start, the route begins at the end of a swath nearest to it [m].
+    has no start, the route begins at the end of a swath nearest to it [m]. `shortest_m`, `bends`: as in `worth_driving`.
     """
     ground = FreeGround(area.free)
-    clipped_swaths = [
+    clipped = [
         Swath(xy, swath.axis) for swath in swaths for xy in clip_lines(ground, [swath.xy]) if len(xy) > 1
     ]
+    kept = worth_driving(clipped, ground, shortest_m, bends=bends)
     homes = homes_of(area, crew)
     if homes is not None and crew.makes_round_trips:
-        return _shared(clipped_swaths, ground, homes, crew)
-    start = homes[0] if homes is not None else _end_nearest(clipped_swaths, corner)
+        return _shared(kept, ground, homes, crew)
+    start = homes[0] if homes is not None else _end_nearest(kept, corner)
     end = start if crew.fleet.return_to_start else crew.fleet.end_m
-    axes = [swath.axis for swath in clipped_swaths]
-    return connect(
-        [swath.xy for swath in clipped_swaths], ground, start=start, end=end, axes=axes, turning=crew.rover
-    )
+    axes = [swath.axis for swath in kept]
+    return connect([swath.xy for swath in kept], ground, start=start, end=end, axes=axes, turning=crew.rover)
 
 
 def _end_nearest(swaths: Sequence[Swath], corner: FloatArray | None) -> FloatArray | None:

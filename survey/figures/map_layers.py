@@ -86,7 +86,9 @@ def draw_route(axes: Axes, route: Route) -> list[Line2D]:
         _number_swaths(axes, swaths, colour)
         _mark_ends(axes, route.path(rover), colour)
         name = "Swaths" if route.n_rovers == 1 else f"Rover {rover + 1}, swaths"
-        handles.append(Line2D([], [], color=colour, linewidth=2.0, label=f"{name} ({len(swaths)})"))
+        is_cut = route.n_rovers == 1 and route.n_lines < len(swaths)
+        count = f"{route.n_lines} lines in {len(swaths)} pieces" if is_cut else f"{len(swaths)}"
+        handles.append(Line2D([], [], color=colour, linewidth=2.0, label=f"{name} ({count})"))
     colour = ROVERS[0] if route.n_rovers == 1 else MUTED
     if any(leg.kind == "transit" for leg in route.legs):
         handles.append(Line2D([], [], color=colour, linewidth=1.3, linestyle=(0, (3, 2)), label="Transit"))

@@ -20,6 +20,7 @@ from planners.routes.turns import (
     word_length,
 )
 from planners.swaths.decomposition import swaths_on
+from planners.swaths.reference_lines import shortened
 from survey.core.errors import ConfigError, InputError
 
 poses = st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(-4, 4))
@@ -87,7 +88,8 @@ def test_traced_arcs_keep_the_radius() -> None:
 def test_curved_surveys_stay_on_the_ground(reverse: bool) -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 120.0, 100.0) - shapely.box(55.0, 40.0, 75.0, 60.0))
     turning = Turning(turn_radius_m=4.0, reverse=reverse)
-    legs = connect(swaths_on(ground, 10.0, 90.0, inset_m=9.0), ground, start=(2.0, 2.0), turning=turning)
+    swaths = [shortened(swath, 9.0) for swath in swaths_on(ground, 10.0, 90.0)]
+    legs = connect(swaths, ground, start=(2.0, 2.0), turning=turning)
     assert all(ground.covers(LineString(leg.xy)) for leg in legs)
     assert any(len(leg.xy) > 5 for leg in legs if leg.kind == "transit")
 

@@ -131,3 +131,10 @@ def test_swaths_are_not_planned_denser_for_what_later_ones_will_show():
     # Whether the survey may stop depends on it.
     sure, doubtful = (state.predicted_with(planned[0]) for state in states)
     assert doubtful.probability < sure.probability
+
+
+def test_the_first_swaths_of_an_adaptive_survey_cross_the_main_body():
+    # The edge where the survey starts is the tip of a tongue, 20 m wide there and 300 m wide at its root.
+    tongue = SurveyArea(shapely.Polygon([(140, 0), (160, 0), (300, 300), (0, 300)]), CRS)
+    route = first_swaths(tongue, KernelPosterior((SMOOTH,)), AdaptiveConfig(limit_m=0.3, heading_deg=0.0))
+    assert all(leg.length_m > 150.0 for leg in route.swaths)

@@ -26,3 +26,11 @@ def test_no_go_ground_cuts_a_line():
 
 def test_a_line_beside_the_area_is_empty():
     assert SurveyLines(SITE, heading_deg=0.0).swath(500.0, 40.0, 90.0) == []
+
+
+def test_a_piece_that_takes_more_than_it_measures_is_not_driven():
+    # Notches leave a piece of 20 m, and are longer to go around than the 36 m that are worth driving.
+    notches = shapely.box(270.0, 0.0, 280.0, 80.0) | shapely.box(270.0, 120.0, 280.0, 200.0)
+    ground = SurveyArea(SITE.polygon - notches, SITE.crs)
+    (piece,) = SurveyLines(ground, heading_deg=0.0).swath(150.0, 40.0, 90.0)
+    assert piece[:, 0].max() == 260.0

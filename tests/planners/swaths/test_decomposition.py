@@ -56,9 +56,8 @@ def test_a_passage_between_two_lines_gets_a_swath_of_its_own() -> None:
     assert any(abs(s[0, 1] - 20.0) < 1.0 and s[-1, 0] - s[0, 0] > 95.0 for s in swaths)
 
 
-def test_an_inset_shortens_both_ends_and_a_headland_keeps_off_every_border() -> None:
+def test_a_headland_keeps_off_every_border() -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 40.0))
-    np.testing.assert_allclose(swaths_on(ground, 20.0, 0.0, inset_m=7.0)[0][:, 0], [7.0, 93.0])
     inner = swaths_on(ground, 20.0, 0.0, headland_m=10.0)
     np.testing.assert_allclose([s[:, 0] for s in inner], [[10.0, 90.0]])
 
@@ -88,9 +87,9 @@ def test_a_spacing_that_is_no_length_is_refused(spacing_m: float) -> None:
 
 def test_ground_without_room_for_a_swath_is_refused() -> None:
     with pytest.raises(InputError, match="no swath fits"):
-        swaths_on(FreeGround(shapely.box(0.0, 0.0, 10.0, 10.0)), 5.0, 0.0, inset_m=6.0)
-    with pytest.raises(ConfigError, match="the inset is -1"):
-        swaths_on(FreeGround(shapely.box(0.0, 0.0, 10.0, 10.0)), 5.0, 0.0, inset_m=-1.0)
+        swaths_on(FreeGround(shapely.box(0.0, 0.0, 10.0, 10.0)), 5.0, 0.0, headland_m=6.0)
+    with pytest.raises(ConfigError, match="the headland is -1"):
+        swaths_on(FreeGround(shapely.box(0.0, 0.0, 10.0, 10.0)), 5.0, 0.0, headland_m=-1.0)
 
 
 def test_ground_smaller_than_a_spacing_gets_one_swath_through_its_middle() -> None:

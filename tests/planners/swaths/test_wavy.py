@@ -109,6 +109,6 @@ def test_waves_also_pass_between_holes_where_no_line_runs():
     area = SurveyArea(SITE.polygon, CRS, no_go=holes)
     route = plan(area, None, WavyConfig(swaths=4, wavelength_m=105.0, heading_deg=90.0))
     # The lines lie at 57, 219, 381 and 543 m; the passage between 290 and 330 m is met by none.
-    between = [swath for swath in route.swaths if 290.0 < swath.axis[:, 0].mean() < 330.0]
+    between = [swath for swath in route.swaths if 290.0 < swath.xy[:, 0].mean() < 330.0]
     assert len(between) == 1
     assert between[0].length_m > 300.0
