@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import rasterio.features
 import shapely
-from scipy.ndimage import convolve, correlate1d
+from scipy.ndimage import convolve, gaussian_filter
 from scipy.signal import correlate
 from shapely import MultiPolygon, Polygon
 
@@ -67,23 +67,19 @@ class SlopeScale(NamedTuple):
         """
         if self.n_cells == 0.0:
             return dem.slope().elevation
-        offset, weight = _gaussian(self.n_cells)
         known = np.isfinite(dem.elevation)
+        row, column = np.indices(dem.shape, dtype=float)
+        basis = [known * values for values in (1.0 + 0.0 * row, row - row.mean(), column - column.mean())]
         z = np.where(known, dem.elevation - np.nanmean(dem.elevation), 0.0)
+        normal, right = ([[self._mean(a * b) for b in other] for a in basis] for other in (basis, [z]))
+        # A little is added where no cell nearby is known.
+        matrices = np.moveaxis(np.array(normal), (0, 1), (-2, -1)) + 1e-9 * np.eye(3)
+        plane = np.linalg.solve(matrices, np.moveaxis(np.array(right), (0, 1), (-2, -1)))[..., 0]
+        slope_deg: FloatArray = np.degrees(np.arctan(np.hypot(plane[..., 1], plane[..., 2]) / dem.step_m))
+        return slope_deg
 
-        def moment(values: FloatArray, row: int, column: int) -> FloatArray:
-            along = correlate1d(values, weight * offset**column, axis=1, mode="constant")
-            return np.asarray(correlate1d(along, weight * offset**row, axis=0, mode="constant"))
-
-        total = np.maximum(moment(known.astype(float), 0, 0), 1e-12)
-        (y, x, yy, xx, xy) = (
-            moment(known.astype(float), *powers) / total
-            for powers in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
-        )
-        h, hy, hx = (moment(z, *powers) / total for powers in ((0, 0), (1, 0), (0, 1)))
-        yy, xx, xy, hy, hx = yy - y * y, xx - x * x, xy - x * y, hy - h * y, hx - h * x
-        scaled = np.maximum(xx * yy - xy**2, 1e-9) * dem.step_m
-        return np.degrees(np.arctan(np.hypot(yy * hx - xy * hy, xx * hy - xy * hx) / scaled))
+    def _mean(self, values: FloatArray) -> FloatArray:
+        return np.asarray(gaussian_filter(values, self.n_cells, mode="constant"))
 
 
 # Scales that are tried, in cells; errors that tilt the ground by a fifth of the limit exceed it nowhere.
