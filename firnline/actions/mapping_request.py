@@ -51,6 +51,17 @@ class MapRequest:
         return are_fixes(self.options.sources)
 
     @property
+    def leaves_method_open(self) -> bool:
+        """Whether neither a method nor anything that only some methods use was stated."""
+        return self.options.prior is None and not {"method", "gp", "rays"} & self.config.model_fields_set
+
+    def by(self, method: str) -> "MapRequest":
+        """Return the request with a method."""
+        return replace(
+            self, method=method_named(method), config=self.config.model_copy(update={"method": method})
+        )
+
+    @property
     def motion_file(self) -> Path | None:
         """Motion of the ice beside the trajectory of a single drive; None where the ground rests."""
         paths = self.options.trajectories

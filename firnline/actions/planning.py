@@ -193,6 +193,7 @@ _OF_AN_AREA = (
     "measured",
     "assume",
     "force",
+    "no_pictures",
     "season",
     "dates",
     "select",

@@ -35,6 +35,7 @@ Below = Annotated[
         help="Only ground of the area below this height of the prior [m], such as the tongue of a glacier; needs --prior.",
     ),
 ]
+NoPictures = Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")]
 Workers = Annotated[
     int | None,
     Option(
@@ -157,7 +158,10 @@ class ReconstructRequest(RunOptions):
     below: Below = None
     method: Annotated[
         str | None,
-        Option("--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"),
+        Option(
+            "--method",
+            help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp or tin]",
+        ),
     ] = None
     value: Annotated[
         str | None, Option("--value", help="Map this sampled quantity instead of elevation.")
@@ -231,6 +235,7 @@ class ReconstructRequest(RunOptions):
         Path | None,
         Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
     ] = None
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a reconstruction that is there.")] = False
 
     @property

@@ -13,10 +13,10 @@ of the same class, and what samples cannot separate is added as micro-relief.
   roughest families.
 - Snow: wind smooths it; the smooth families, and a few centimetres of sastrugi.
 - Unknown: eleven landscapes in airborne lidar, from farmland and tundra to gullies, a crater and alpine slopes. The error of
-  the maps of 68 windows, surveyed along 4, 8 and 16 lines with two kinds of prior, is predicted by the geometric mean of
+  the maps of 55 windows, surveyed along 4, 8 and 16 lines with two kinds of prior, is predicted by the geometric mean of
   Matérn 3/2 and Whittle with equal weights: the median of predicted over actual error is 1.0 at each of the three densities,
-  the lower and the upper tenth 0.5 and 1.9 (``python -m benchmarks.prediction``). The means of the landscapes have a standard
-  deviation of the logarithm of 0.31, so that the scale of Student's distribution for another landscape is 0.33.
+  the lower and the upper tenth 0.5 and 1.9 (``python -m benchmarks.prediction`` measures them). The means of the landscapes
+  have a standard deviation of the logarithm of 0.31, so that the scale of Student's distribution for another one is 0.33.
 
 Spreads of the other classes are smaller, as they state more.
 """
@@ -115,7 +115,18 @@ class SampleErrors:
             raise ConfigError(f"sample_step_m is {self.sample_step_m}; it must be greater than 0.")
 
     def in_grid_metres(self, factor: float) -> Self:
-        """Return the settings with their horizontal lengths multiplied by a factor."""
+        """Return the settings with their horizontal lengths multiplied by a factor.
+
+        Parameters
+        ----------
+        factor : float
+            Grid metres for each metre on the ground.
+
+        Returns
+        -------
+        Self
+            Settings of the same kind.
+        """
         step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
         return replace(self, sample_step_m=step_m, localization_m=localization_m)
 
@@ -124,12 +135,32 @@ class SampleErrors:
 class MapAssumptions(SampleErrors):
     """Errors of samples and prior, and the ground, that the predicted error of a map rests on.
 
-    `noise_m`, `localization_m`: standard deviation of a sample's height, and of the rover's place east and north [m].
-    `sample_step_m`: distance between samples [m]. `shared_m`: standard deviation of an error of height that all samples
-    share, as of the path [m]. `prior_sigma_m`: standard deviation of a cell of the prior [m]. `surface`: class of the
-    ground, which says how rough it is below the resolution of the prior. `micro_relief_m`: standard deviation of relief
-    finer than the samples [m]; that of the class by default. `assumed`: covariance family of the terrain; by default those
-    of the class of surface.
+    Parameters
+    ----------
+    noise_m, localization_m : float
+        Standard deviation of a sample's height, and of the rover's place east and north [m].
+    sample_step_m : float
+        Distance between samples [m].
+    shared_m : float
+        Standard deviation of an error of height that all samples share, as of the path [m].
+    prior_sigma_m : float
+        Standard deviation of a cell of the prior [m].
+    surface : str
+        Class of the ground, which says how rough it is below the resolution of the prior.
+    micro_relief_m : float, optional
+        Standard deviation of relief finer than the samples [m]; that of the class by default.
+    assumed : str, optional
+        Covariance family of the terrain; by default those of the class of surface.
+
+    Raises
+    ------
+    ConfigError
+        A negative deviation, a spacing of 0, an unknown class or family.
+
+    Examples
+    --------
+    >>> MapAssumptions(surface="snow", noise_m=0.05).micro_relief_m is None
+    True
     """
 
     prior_sigma_m: float = 1.0

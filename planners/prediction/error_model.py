@@ -57,9 +57,34 @@ class ErrorModel:
     at places x for samples X along the route and means over the cells of a prior, with their errors R (glacier paper,
     Eq. 5); the dots stand for the unknown constant mean, which is integrated out.
 
-    `area`: where the map is wanted. `grid`: centres of the cells in which the standard deviation is drawn.
-    `posterior`: covariances that the terrain may have, with lengths in grid metres. `errors`: errors of samples, in grid
-    metres. `predictor`: the samples' and cells' part of the prediction.
+    Parameters
+    ----------
+    area : SurveyArea
+        Where the map is wanted.
+    grid : Grid
+        Centres of the cells in which the standard deviation is drawn.
+    posterior : planners.prediction.kernel_posterior.KernelPosterior
+        Covariances that the terrain may have, with lengths in grid metres.
+    errors : planners.prediction.assumptions.SampleErrors
+        Errors of samples, in grid metres.
+    predictor : planners.prediction.error_distribution.MapPredictor
+        Part of the prediction that depends on the places of samples and cells.
+
+    Notes
+    -----
+    Errors of position that grow along the path are not included. The roughness of ground below the cells of a prior is known
+    to a factor of about 1.5 only, which the distribution states.
+
+    Examples
+    --------
+    >>> import planners
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
+    >>> model = ErrorModel.of(area, SquaredExponential(30.0, 150.0), noise_m=0.1)
+    >>> routes = [planners.plan(area, None, planners.LawnmowerConfig(swaths=n)) for n in (4, 8)]
+    >>> few, many = (model.rmse_m(route) for route in routes)
+    >>> many < few
+    True
     """
 
     area: SurveyArea
@@ -80,8 +105,23 @@ class ErrorModel:
     ) -> Self:
         """Create the model of terrain of a known covariance, mapped without a prior.
 
-        `kernel`: covariance of the terrain [m²], with lengths in grid metres. `noise_m`: standard deviation
-        of a sample [m]. `sample_step_m`: distance between samples, in grid metres.
+        Parameters
+        ----------
+        area : SurveyArea
+            Where the map is wanted.
+        kernel : survey.reconstruction.gp.kernels.Kernel
+            Covariance of the terrain [m²], with lengths in grid metres.
+        noise_m : float
+            Standard deviation of a sample [m].
+        sample_step_m : float
+            Distance between samples, in grid metres.
+        cell_m : float, optional
+            Width of the cells in which the standard deviation is drawn [m].
+
+        Returns
+        -------
+        ErrorModel
+            Without an error that samples share.
         """
         errors = SampleErrors(noise_m=noise_m, sample_step_m=sample_step_m, shared_m=0.0)
         noise_m = max(noise_m, _LEAST_NOISE * float(np.sqrt(kernel.variance_m2)))
@@ -99,7 +139,26 @@ class ErrorModel:
     ) -> "ErrorModel":
         """Create the model of terrain that a prior shows coarsely, mapped with that prior.
 
-        `assumed`: errors of samples and prior, and the class of surface; lengths are metres on the ground.
+        Parameters
+        ----------
+        area : SurveyArea
+            Where the map is wanted.
+        prior : Dem
+            Coarse elevations.
+        assumed : MapAssumptions, optional
+            Errors of samples and prior, and the class of surface; lengths are metres on the ground.
+        cell_m : float, optional
+            Width of the cells in which the standard deviation is drawn [m].
+
+        Returns
+        -------
+        ErrorModel
+            With the covariances that the prior makes likely.
+
+        Raises
+        ------
+        InputError
+            Fewer than 9 known cells on the area.
         """
         errors = (assumed or MapAssumptions()).in_grid_metres(settings_factor(area))
         model = model_in_grid(area, prior, errors)
@@ -116,11 +175,35 @@ class ErrorModel:
         return self.predictor.nodes
 
     def with_cells(self, cell_m: float) -> Self:
-        """Return the model that draws the standard deviation in cells of another width [m]."""
+        """Return the model that draws the standard deviation in cells of another width.
+
+        Parameters
+        ----------
+        cell_m : float
+            Width of a cell [m].
+
+        Returns
+        -------
+        ErrorModel
+            With another grid.
+        """
         return replace(self, grid=_grid(self.area, cell_m))
 
     def over(self, area: SurveyArea, prior: Dem) -> Self:
-        """Return the model of another area, with the same covariances and the cells of the prior there."""
+        """Return the model of another area, with the same covariances and the cells of the prior there.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            Where the map is wanted.
+        prior : Dem
+            Coarse elevations.
+
+        Returns
+        -------
+        ErrorModel
+            Of the other area.
+        """
         cells = None
         if self.predictor.cells is not None:
             cells = PriorCells.of(prior, area, self.predictor.cells.sigma_m)
@@ -130,7 +213,10 @@ class ErrorModel:
     def for_comparisons(self) -> Self:
         """Return the model with the likeliest covariance alone and at fewer places, which ranks routes many times faster.
 
-        A model without a prior is returned as it is.
+        Returns
+        -------
+        ErrorModel
+            Itself where no prior is used.
         """
         if self.predictor.cells is None:
             return self
@@ -140,8 +226,17 @@ class ErrorModel:
     def distribution(self, route: Route, most_samples: int | None = None) -> ErrorDistribution:
         """Return the distribution of the root mean square error of the map over the area.
 
-        Where the route has more than `most_samples` samples, every k-th stands for its neighbours, but no two are farther
-        apart than the swaths.
+        Parameters
+        ----------
+        route : Route
+            What is driven; samples are taken along swaths and transits.
+        most_samples : int, optional
+            Of more samples every k-th stands for its neighbours, but no two are farther apart than the swaths.
+
+        Returns
+        -------
+        planners.prediction.error_distribution.ErrorDistribution
+            Its expected value, quantiles, and the probability of a limit.
         """
         xy, posterior = self._samples(route, most_samples)
         # Matrices of some hundred rows: spinning threads would only slow them down.
@@ -149,14 +244,38 @@ class ErrorModel:
             return self.predictor.distribution(xy, posterior).with_shared(self.errors.shared_m)
 
     def rmse_m(self, route: Route, most_samples: int | None = None) -> float:
-        """Return the expected root mean square error over the area [m]."""
+        """Return the expected root mean square error over the area.
+
+        Parameters
+        ----------
+        route : Route
+            What is driven; samples are taken along swaths and transits.
+        most_samples : int, optional
+            Of more samples every k-th stands for its neighbours, but no two are farther apart than the swaths.
+
+        Returns
+        -------
+        float
+            Expected error [m].
+        """
         return self.distribution(route, most_samples).rmse_m
 
     def variance(self, xy: FloatArray, noise_factor: float = 1.0, at: FloatArray | None = None) -> FloatArray:
         """Return the predicted variance at the nodes, given samples at places.
 
-        `xy` (N, 2): easting and northing of the samples [m]. `noise_factor`: of the errors of samples, where fewer
-        stand for all. `at` (M, 2): other places than the nodes [m]. Returns (M,): variance at the nodes [m²].
+        Parameters
+        ----------
+        xy : (N, 2) array
+            Easting and northing of the samples [m].
+        noise_factor : float
+            Factor of the errors of samples, where fewer stand for all.
+        at : (M, 2) array, optional
+            Other places than the nodes [m].
+
+        Returns
+        -------
+        (M,) array
+            Variance [m²].
         """
         posterior = self.posterior.with_noise_times(noise_factor)
         at = self.nodes if at is None else at
@@ -168,6 +287,23 @@ class ErrorModel:
         """Return the predicted error of a route, with its map.
 
         The map is scaled to the expected error over the area, of which it shows where it is large.
+
+        Parameters
+        ----------
+        route : Route
+            What is driven; samples are taken along swaths and transits.
+        most_samples : int, optional
+            Of more samples every k-th stands for its neighbours, but no two are farther apart than the swaths.
+
+        Returns
+        -------
+        PredictedError
+            The map of the standard deviation with its summary.
+
+        Raises
+        ------
+        InputError
+            Cells too large for the area.
         """
         cells, offsets = self.grid.xy[:, None], self.grid.step_m * _IN_CELL
         places_in = (cells + offsets).reshape(-1, 2)

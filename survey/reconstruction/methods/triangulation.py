@@ -66,12 +66,12 @@ class TriangulatedTerrain(TerrainModel):
     quantity: str = ELEVATION
     crs_: CRS | None = field(default=None, init=False, repr=False)
     vertical_datum_: str = field(default=UNSTATED, init=False, repr=False)
-    _surface: "_Triangles | None" = field(default=None, init=False, repr=False)
+    _surface: "Triangles | None" = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
         """Triangulate points; refuse fewer than three places or ones on one line."""
         self.crs_, self.vertical_datum_ = points.crs, points.vertical_datum
-        self._surface = _Triangles.of(Observations.of(points, self.quantity).merged())
+        self._surface = Triangles.of(Observations.of(points, self.quantity).merged())
         return self
 
     def update(self, points: SurfacePoints) -> Self:
@@ -81,7 +81,7 @@ class TriangulatedTerrain(TerrainModel):
         same_crs(self.crs_, points.crs, "the map and the points")
         old, new = self._surface.data, Observations.of(points, self.quantity)
         columns = (np.concatenate(pair) for pair in zip(_columns(old), _columns(new), strict=True))
-        self._surface = _Triangles.of(Observations(*columns).merged())
+        self._surface = Triangles.of(Observations(*columns).merged())
         return self
 
     def grid(self, grid: Grid) -> Reconstruction:
@@ -121,11 +121,11 @@ class TriangulatedTerrain(TerrainModel):
         facts, arrays = read_arrays(path, _FORMAT)
         model = cls(facts["quantity"])
         model.crs_, model.vertical_datum_ = CRS.from_wkt(facts["crs"]), facts["datum"]
-        model._surface = _Triangles.of(Observations(arrays["xy"], arrays["z"], arrays["variance"]))
+        model._surface = Triangles.of(Observations(arrays["xy"], arrays["z"], arrays["variance"]))
         return model
 
     @property
-    def _known(self) -> "_Triangles":
+    def _known(self) -> "Triangles":
         if self._surface is None:
             raise not_fitted()
         return self._surface
@@ -144,7 +144,7 @@ class TriangulatedTerrain(TerrainModel):
 
 
 @dataclass(frozen=True)
-class _Triangles:
+class Triangles:
     """Points about a local datum, and their Delaunay triangles."""
 
     data: Observations
@@ -153,7 +153,8 @@ class _Triangles:
     mesh: Delaunay
 
     @classmethod
-    def of(cls, data: Observations) -> "_Triangles":
+    def of(cls, data: Observations) -> "Triangles":
+        """Triangulate observations of different places."""
         # About their centre: Qhull loses digits to large coordinates.
         centre = data.xy.mean(axis=0)
         return cls(data, centre, local_datum_m(data.z), _mesh(data.xy - centre))
