@@ -161,7 +161,9 @@ def change_elsewhere(windows: Sequence[Dem], index: int, side_m: float) -> Surfa
         squares += [half[bins == k].sum() for k in range(1, _N_LAGS)]
         counts += [np.sum(bins == k) for k in range(1, _N_LAGS)]
     used = counts > 0
-    return fitted_change(np.sqrt(edges[1:] * edges[:-1])[used], (squares / np.maximum(counts, 1))[used], side_m)
+    return fitted_change(
+        np.sqrt(edges[1:] * edges[:-1])[used], (squares / np.maximum(counts, 1))[used], side_m
+    )
 
 
 def fitted_change(lag_m: FloatArray, semivariance_m2: FloatArray, side_m: float) -> SurfaceChange:
@@ -175,7 +177,10 @@ def fitted_change(lag_m: FloatArray, semivariance_m2: FloatArray, side_m: float)
             np.column_stack([np.ones_like(lost), lost]) / semivariance_m2[:, None], np.ones_like(lost)
         )
         if off < least:
-            best, least = SurfaceChange(float(np.sqrt(smooth)), float(half_m), 0.0, float(np.sqrt(0.5 * fine))), off
+            best, least = (
+                SurfaceChange(float(np.sqrt(smooth)), float(half_m), 0.0, float(np.sqrt(0.5 * fine))),
+                off,
+            )
     return best
 
 

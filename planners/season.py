@@ -51,6 +51,8 @@ Unit = Literal["m w.e.", "%"]
 
 _MEAN_TEMPERATURE_C = 5.0
 _LAPSE_C_M = 0.0065
+
+
 class SeasonSurface(NamedTuple):
     """Melt [m w.e. per °C and day], and density of what melts with its standard deviation [kg m⁻³]."""
 
@@ -135,6 +137,7 @@ class SeasonConfig:
     micro_relief_m: float | None = None
     change_std_m: float | None = None
     change_half_m: float = _CHANGE_HALF_M
+
     def __post_init__(self) -> None:
         if self.surface not in SEASON_SURFACES:
             raise ConfigError(
@@ -153,6 +156,7 @@ class SeasonConfig:
                 raise ConfigError(f"{name} is {value}; it must be 0 or greater.")
         if self.unit == "%" and self.melt_m_we_day == 0.0:
             raise ConfigError("a change of 0 m has no error in percent; state the wanted error in m w.e.")
+
     @property
     def n_days(self) -> int:
         """Days between the surveys."""
@@ -178,7 +182,9 @@ class SeasonConfig:
     @property
     def change(self) -> SurfaceChange:
         """What the change is taken to be like: melt falls with height as degree-days do, by 6.5 °C for each kilometre."""
-        micro_m = SURFACES[self.surface].micro_relief_m if self.micro_relief_m is None else self.micro_relief_m
+        micro_m = (
+            SURFACES[self.surface].micro_relief_m if self.micro_relief_m is None else self.micro_relief_m
+        )
         std_m = _CHANGE_SHARE * self.change_m if self.change_std_m is None else self.change_std_m
         gradient = self.change_m * _LAPSE_C_M / _MEAN_TEMPERATURE_C
         return SurfaceChange(std_m, self.change_half_m, gradient, micro_m)
@@ -253,7 +259,9 @@ def mean_error(
     every = max(int(np.ceil(len(xy) / _MOST_SAMPLES)), 1)
     used = xy[::every]
     # Heights above the mean of the area; 0 where the prior has none.
-    uneven = 0.0 * used[:, 0] if prior is None else np.nan_to_num(prior.at(used) - np.nanmean(prior.at(nodes)))
+    uneven = (
+        0.0 * used[:, 0] if prior is None else np.nan_to_num(prior.at(used) - np.nanmean(prior.at(nodes)))
+    )
     parts = []
     for family in change.families:
         weights, between_m2 = kriged_mean(used, nodes, change.kernel(family), noise_m / np.sqrt(every))
@@ -374,7 +382,9 @@ def _surveys(area: SurveyArea, prior: Dem, config: SeasonConfig) -> Iterator[tup
         max_swaths=config.max_swaths,
     ).in_grid_metres(factor)
     change = config.change
-    tilted_m = config.localization_m * PriorBlocks.of(area, prior).slope * factor if config.localization_m else 0.0
+    tilted_m = (
+        config.localization_m * PriorBlocks.of(area, prior).slope * factor if config.localization_m else 0.0
+    )
     noise_m = float(np.sqrt(2.0 * (config.noise_m**2 + change.redrawn_m**2 + tilted_m**2)))
     change = change._replace(half_m=factor * change.half_m)
     nodes = MapPredictor(area, requirement.sample_step_m).nodes
@@ -392,6 +402,4 @@ def _option(
     length_m = route.ground_length_m
     n_days = max(-int(-(length_m / 1000.0 / config.km_a_day + n_stakes / _STAKES_A_DAY) // 1), 1)
     budget = budget_of(config, error, n_stakes, n_days)
-    return SeasonOption(
-        n_stakes, n_swaths, length_m, n_days, budget, budget.error(config), error.families
-    )
+    return SeasonOption(n_stakes, n_swaths, length_m, n_days, budget, budget.error(config), error.families)

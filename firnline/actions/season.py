@@ -58,7 +58,8 @@ class SeasonPlan(PlanResult):
             "change": f"σ {change.std_m:.2f} m, correlated to a half at {change.half_m:g} m, beside {change.gradient:.4f} m "
             f"less melt for each metre of height; fine relief of {change.redrawn_m:g} m is new at each date",
             "between swaths": ", ".join(
-                f"{name} (weight {change.families[name]:g}) {std_m:.3f}" for name, std_m in best.families.items()
+                f"{name} (weight {change.families[name]:g}) {std_m:.3f}"
+                for name, std_m in best.families.items()
             ),
             "assumed": f"melt of {config.melt_m_day:.3f} m of {config.density_kg_m3:.0f} kg/m³ a day, "
             f"surface {config.surface}, {config.km_a_day:g} km a day",

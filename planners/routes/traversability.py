@@ -14,7 +14,6 @@ import numpy as np
 import rasterio.features
 import shapely
 from scipy.ndimage import convolve, gaussian_filter
-from scipy.signal import correlate
 from shapely import MultiPolygon, Polygon
 
 from planners.capacity import require_cells
@@ -115,6 +114,8 @@ def slope_text(dem: Dem, area: SurveyArea, limit_deg: float, product: str) -> st
 
 def _error_rise(errors: PriorErrors, cell_m: float, n_cells: float) -> float:
     """Return the standard deviation of the rise that errors of cells have along one axis, over a scale in cells."""
+    from scipy.signal import correlate  # loads two hundred modules
+
     offset, weight = _gaussian(max(n_cells, 0.2))
     weights = np.outer(weight, weight * offset)
     weights /= cell_m * np.sum(weights * offset)
