@@ -78,9 +78,9 @@ SEASON_SURFACES: dict[Surface, SeasonSurface] = {
 # that of the sun follows the relief.
 _CHANGE_SHARE = 0.15
 _CHANGE_HALF_M = 150.0
-CHANGE_FAMILIES: Mapping[str, float] = {"matern-5/2": 0.25, "matern-3/2": 0.5, "exponential": 0.25}
-"""Weights of the families of covariance that a change may have: own choice, between the sun's smooth pattern and that of
-albedo; `benchmarks.season` measures it on repeated elevation models."""
+CHANGE_FAMILIES: Mapping[str, float] = {"matern-3/2": 0.5, "whittle": 0.5}
+"""Weights of the families of covariance that a change may have, measured on repeated elevation models
+(``python -m benchmarks.season``); relief of unknown ground has the same."""
 
 
 class SurfaceChange(NamedTuple):
@@ -270,7 +270,8 @@ def mean_error(
     shares = np.array(list(change.families.values()))
     logs = shares / shares.sum() @ np.log(np.maximum(parts, 1e-12))
     families = {name: float(np.sqrt(part[0])) for name, part in zip(change.families, parts, strict=True)}
-    return MeanError(*np.exp(0.5 * logs).tolist(), families)
+    interpolation_m, gradient_m, samples_m = np.exp(0.5 * logs).tolist()
+    return MeanError(interpolation_m, gradient_m, samples_m, families)
 
 
 def kriged_mean(

@@ -35,11 +35,11 @@ def test_the_roughest_family_does_not_decide_alone():
     nodes = lines(7)[::4]
     found = mean_error(lines(5), nodes, CHANGE._replace(half_m=200.0), 0.1)
     by_family = found.families
-    assert by_family["matern-5/2"] < by_family["matern-3/2"] < by_family["exponential"]
+    assert by_family["matern-3/2"] < found.interpolation_m < by_family["whittle"]
     logs = [weight * np.log(by_family[name]) for name, weight in CHANGE.families.items()]
     assert found.interpolation_m == pytest.approx(np.exp(sum(logs)))
     halves = [CHANGE.kernel(name).covariance_of_lag(np.array([60.0, 0.0])) for name in CHANGE.families]
-    assert halves == pytest.approx([0.32, 0.32, 0.32])
+    assert halves == pytest.approx([0.32, 0.32])
 
 
 def test_lines_that_lie_lower_than_the_area_miss_the_gradient_with_height():
