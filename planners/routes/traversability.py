@@ -133,7 +133,7 @@ _BEND_CELLS = 3
 def _bends(dem: Dem, area: SurveyArea, cell_m: float) -> tuple[float, float]:
     """Return how far heights are from the chord over six cells, and how far on ground as steep elsewhere at most [m].
 
-    Both are standard deviations; the first is robust, the second holds on five of six landscapes.
+    Both are standard deviations; the first is robust, the second is two spreads above the mean.
     """
     near = dem.window(area.bounds)
     inside = area.contains(near.xy).reshape(near.shape)
@@ -146,7 +146,7 @@ def _bends(dem: Dem, area: SurveyArea, cell_m: float) -> tuple[float, float]:
         np.radians(SlopeScale(_SCALES[-1], 0.0).slope_deg(near)[inside & np.isfinite(near.elevation)])
     )
     elsewhere = roughness_elsewhere(n * cell_m, float(np.median(rise)) * dem.step_m / cell_m)
-    usual_m = float(np.exp(elsewhere.mean + np.sqrt(elsewhere.variance)))
+    usual_m = float(np.exp(elsewhere.mean + 2.0 * np.sqrt(elsewhere.variance)))
     return 0.5 * 1.4826 * float(np.median(np.abs(known))), 0.5 * usual_m
 
 
