@@ -198,10 +198,13 @@ def fitted_change(lag_m: FloatArray, semivariance_m2: FloatArray, side_m: float)
 def _judged(pair: Pair, window: Dem, change: SurfaceChange, n_lines: int) -> Judged:
     """Return designed and actual error of one window, over all directions of the lines."""
     truth_m = float(np.nanmean(window.elevation))
-    known = np.isfinite(window.elevation)
-    every = max(window.shape[0] // _NODES_ALONG, 1)
-    apart = np.add.outer(np.arange(known.shape[0]) % every, np.arange(known.shape[1]) % every)
-    nodes = window.xy[(known & (apart == 0)).ravel()]
+    xmin, ymin, xmax, ymax = window.bounds
+    # Midpoints of equal squares, so that their mean is that of the window.
+    share = (np.arange(_NODES_ALONG) + 0.5) / _NODES_ALONG
+    every = np.stack(
+        np.meshgrid(xmin + share * (xmax - xmin), ymin + share * (ymax - ymin)), axis=-1
+    ).reshape(-1, 2)
+    nodes = every[np.isfinite(window.at(every))]
     noise_m = float(np.sqrt(2.0 * (NOISE_M**2 + change.redrawn_m**2)))
     kernel = change.kernel(next(iter(change.families)))
     expected_m2 = kernel.variance_m2 - float(kernel.covariance(nodes, nodes).mean()) + noise_m**2

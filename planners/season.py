@@ -74,8 +74,8 @@ SEASON_SURFACES: dict[Surface, SeasonSurface] = {
 
 # Melt differs by a tenth between stakes that stand near one another, by albedo (Braithwaite and others 1998, Journal of
 # Glaciology 44, 583), and from slope to slope with the sun (Vincent and Six 2013, Annals of Glaciology 54(63), 11). The
-# pattern of albedo is alike at all scales below some hundred metres (Arnold and Rees 2003, Journal of Glaciology 49, 547),
-# that of the sun follows the relief.
+# pattern of albedo is alike at all scales up to 100 m (Arnold and Rees 2003, Journal of Glaciology 49, 547), that of the
+# sun follows the relief. Both numbers are own choice between these.
 _CHANGE_SHARE = 0.15
 _CHANGE_HALF_M = 150.0
 CHANGE_FAMILIES: Mapping[str, float] = {"matern-3/2": 0.5, "whittle": 0.5}
