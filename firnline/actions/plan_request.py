@@ -293,10 +293,11 @@ class PlanRequest(RunOptions):
 
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)
-        if prior is not None and self.product is not None and self.max_slope is not None:
-            from planners.routes.traversability import slope_text
+        if prior is not None and self.max_slope is not None:
+            from planners.routes.traversability import slope_texts
 
-            logger.warning("%s", slope_text(prior, area, self.max_slope, self.product))
+            for text in slope_texts(prior, area, self.max_slope, self.product):
+                logger.warning("%s", text)
         return area, prior
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _CAUSES = {
     "interpolation_m": "between swaths",
+    "gradient_m": "uneven heights",
+    "samples_m": "samples and fine relief",
     "shared_m": "shared by samples",
     "duration_m": "melt while surveying",
     "flow_m": "flow",
@@ -45,7 +47,7 @@ class SeasonPlan(PlanResult):
 
     def lines(self) -> list[str]:
         """Return swaths, days and the error with its causes."""
-        config, best = self.design.config, self.design.best
+        config, best, change = self.design.config, self.design.best, self.design.config.change
         first, second = self.design.dates(best)
         days = "1 day" if best.n_days == 1 else f"{best.n_days} days"
         causes = ", ".join(f"{_CAUSES[name]} {value:.3f}" for name, value in best.budget._asdict().items())
@@ -53,6 +55,12 @@ class SeasonPlan(PlanResult):
             "first survey": f"{first[0]} to {first[1]}",
             "second survey": f"{second[0]} to {second[1]}",
             "σ [m]": causes,
+            "change": f"σ {change.std_m:.2f} m, correlated to a half at {change.half_m:g} m, beside {change.gradient:.4f} m "
+            f"less melt for each metre of height; fine relief of {change.redrawn_m:g} m is new at each date",
+            "between swaths": ", ".join(
+                f"{name} (weight {change.families[name]:g}) {std_m:.3f}"
+                for name, std_m in best.families.items()
+            ),
             "assumed": f"melt of {config.melt_m_day:.3f} m of {config.density_kg_m3:.0f} kg/m³ a day, "
             f"surface {config.surface}, {config.km_a_day:g} km a day",
             "written to": self.request.written_text,
@@ -92,6 +100,8 @@ def season_config(request: PlanRequest) -> "SeasonConfig":
         melt_m_we_day=request.melt_m_we_day,
         emergence_m_year=request.emergence_m_year,
         noise_m=request.noise_m,
+        localization_m=request.localization_m,
+        micro_relief_m=request.micro_relief_m,
         shared_m=request.shared_m,
         km_a_day=request.km_a_day,
         max_swaths=request.max_swaths,

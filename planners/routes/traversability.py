@@ -13,11 +13,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 import rasterio.features
 import shapely
-from scipy.ndimage import convolve, correlate1d
+from scipy.ndimage import convolve, gaussian_filter
 from shapely import MultiPolygon, Polygon
 
 from planners.capacity import require_cells
 from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
+from planners.prediction.assumptions import roughness_elsewhere
 from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
 from survey import Dem, InputError, Route, SurveyArea
@@ -66,23 +67,19 @@ class SlopeScale(NamedTuple):
         """
         if self.n_cells == 0.0:
             return dem.slope().elevation
-        offset, weight = _gaussian(self.n_cells)
         known = np.isfinite(dem.elevation)
+        row, column = np.indices(dem.shape, dtype=float)
+        basis = [known * values for values in (1.0 + 0.0 * row, row - row.mean(), column - column.mean())]
         z = np.where(known, dem.elevation - np.nanmean(dem.elevation), 0.0)
+        normal, right = ([[self._mean(a * b) for b in other] for a in basis] for other in (basis, [z]))
+        # A little is added where no cell nearby is known.
+        matrices = np.moveaxis(np.array(normal), (0, 1), (-2, -1)) + 1e-9 * np.eye(3)
+        plane = np.linalg.solve(matrices, np.moveaxis(np.array(right), (0, 1), (-2, -1)))[..., 0]
+        slope_deg: FloatArray = np.degrees(np.arctan(np.hypot(plane[..., 1], plane[..., 2]) / dem.step_m))
+        return slope_deg
 
-        def moment(values: FloatArray, row: int, column: int) -> FloatArray:
-            along = correlate1d(values, weight * offset**column, axis=1, mode="constant")
-            return np.asarray(correlate1d(along, weight * offset**row, axis=0, mode="constant"))
-
-        total = np.maximum(moment(known.astype(float), 0, 0), 1e-12)
-        (y, x, yy, xx, xy) = (
-            moment(known.astype(float), *powers) / total
-            for powers in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
-        )
-        h, hy, hx = (moment(z, *powers) / total for powers in ((0, 0), (1, 0), (0, 1)))
-        yy, xx, xy, hy, hx = yy - y * y, xx - x * x, xy - x * y, hy - h * y, hx - h * x
-        scaled = np.maximum(xx * yy - xy**2, 1e-9) * dem.step_m
-        return np.degrees(np.arctan(np.hypot(yy * hx - xy * hy, xx * hy - xy * hx) / scaled))
+    def _mean(self, values: FloatArray) -> FloatArray:
+        return np.asarray(gaussian_filter(values, self.n_cells, mode="constant"))
 
 
 # Scales that are tried, in cells; errors that tilt the ground by a fifth of the limit exceed it nowhere.
@@ -108,12 +105,56 @@ def slope_scale(cell_m: float, limits: RoverLimits) -> SlopeScale:
     return SlopeScale(n_cells, float(np.degrees(np.arctan(rise))))
 
 
-def slope_text(dem: Dem, area: SurveyArea, limit_deg: float, product: str) -> str:
-    """Return in a sentence over which scale slopes of a product are read, and how far its errors tilt the ground there."""
+def slope_texts(dem: Dem, area: SurveyArea, limit_deg: float, product: str | None) -> list[str]:
+    """Return in sentences over which scale slopes are read, how far errors tilt the ground there, and if the heights err more."""
     cell_m = dem.step_m / settings_factor(area)
-    n_cells, tilt_deg = slope_scale(cell_m, RoverLimits(max_pitch_deg=limit_deg, slope_product=product))
-    over = f"by planes of ± {n_cells * cell_m:.0f} m about each cell" if n_cells else "between its cells"
-    return f"slopes of the prior are read {over}, where the errors of {product} tilt the ground by {tilt_deg:.1f}° (1 σ)."
+    found = []
+    if product is not None:
+        n_cells, tilt_deg = slope_scale(cell_m, RoverLimits(max_pitch_deg=limit_deg, slope_product=product))
+        over = f"by planes of ± {n_cells * cell_m:.0f} m about each cell" if n_cells else "between its cells"
+        found = [
+            f"slopes of the prior are read {over}, where the errors of {product} tilt the ground by {tilt_deg:.1f}° (1 σ)."
+        ]
+    bend_m, usual_m = _bends(dem, area, cell_m)
+    stated_m = 0.0 if product is None else _error_bend_m(PRODUCTS[product], _BEND_CELLS * cell_m)
+    if bend_m > np.hypot(usual_m, stated_m):
+        remedy = "take another prior" if product else "name its class with --product, or take another"
+        found.append(
+            f"the prior's heights differ by {bend_m:.0f} m from straight lines of {2 * _BEND_CELLS * cell_m:.0f} m, where ground "
+            f"as steep differs by {usual_m:.0f} m at most and {product or 'no product'} is stated to err by {stated_m:.0f} m: "
+            f"what is too steep may be an error of the prior, as under clouds; {remedy}."
+        )
+    return found
+
+
+_BEND_CELLS = 3
+
+
+def _bends(dem: Dem, area: SurveyArea, cell_m: float) -> tuple[float, float]:
+    """Return how far heights are from the chord over six cells, and how far on ground as steep elsewhere at most [m].
+
+    Both are standard deviations; the first is robust, the second is two spreads above the mean.
+    """
+    near = dem.window(area.bounds)
+    inside = area.contains(near.xy).reshape(near.shape)
+    z, n = np.where(inside, near.elevation, np.nan), _BEND_CELLS
+    bends = [z[2 * n :] - 2.0 * z[n:-n] + z[: -2 * n], z[:, 2 * n :] - 2.0 * z[:, n:-n] + z[:, : -2 * n]]
+    known = np.concatenate([bend[np.isfinite(bend)] for bend in bends])
+    if not len(known):
+        return 0.0, 0.0
+    rise = np.tan(
+        np.radians(SlopeScale(_SCALES[-1], 0.0).slope_deg(near)[inside & np.isfinite(near.elevation)])
+    )
+    elsewhere = roughness_elsewhere(n * cell_m, float(np.median(rise)) * dem.step_m / cell_m)
+    usual_m = float(np.exp(elsewhere.mean + 2.0 * np.sqrt(elsewhere.variance)))
+    return 0.5 * 1.4826 * float(np.median(np.abs(known))), 0.5 * usual_m
+
+
+def _error_bend_m(errors: PriorErrors, lag_m: float) -> float:
+    """Return the standard deviation that errors of a product give to heights less the chord over two lags [m]."""
+    near, far = np.exp(-np.array([1.0, 2.0]) * lag_m / errors.correlation_m)
+    correlated_m2 = errors.correlated.median_m**2 * (6.0 - 8.0 * near + 2.0 * far)
+    return 0.5 * float(np.sqrt(6.0 * errors.white.median_m**2 + correlated_m2))
 
 
 def _error_rise(errors: PriorErrors, cell_m: float, n_cells: float) -> float:

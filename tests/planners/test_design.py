@@ -28,6 +28,19 @@ def test_the_best_design_has_the_fewest_days_of_those_that_are_enough(prior):
     assert second[0] <= CONFIG.last_day <= second[1]
 
 
+def test_relief_that_persists_does_not_enter_the_error(prior):
+    still = replace(CONFIG, melt_m_we_day=0.0, change_std_m=0.5)
+    rough = replace(prior, elevation=4.0 * prior.elevation)
+    one, other = (design_season(AREA, dem, still).options for dem in (prior, rough))
+    assert [a.error for a in one] == pytest.approx([b.error for b in other])
+
+
+def test_errors_of_place_count_on_slopes(prior):
+    placed = design_season(AREA, prior, replace(CONFIG, localization_m=2.0)).options
+    for one, other in zip(design_season(AREA, prior, CONFIG).options, placed, strict=False):
+        assert other.budget.samples_m > one.budget.samples_m
+
+
 def test_an_error_below_that_of_the_density_cannot_be_reached(prior):
     design = design_season(AREA, prior, replace(CONFIG, wanted=0.1))
     assert not design.holds

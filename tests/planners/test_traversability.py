@@ -8,12 +8,20 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.distance import cdist
 
 from planners.routes.rover import RoverLimits
-from planners.routes.traversability import between_heights, drivable, on_free_ground, roughness, slope_scale
+from planners.routes.traversability import (
+    between_heights,
+    drivable,
+    on_free_ground,
+    roughness,
+    slope_scale,
+    slope_texts,
+)
 from survey import Leg, Route
 from survey.core import validated
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
+from survey.data.grid import Grid
 
 CRS = "EPSG:32608"
 TRANSFORM = Affine(1.0, 0.0, -10.5, 0.0, -1.0, 110.5)
@@ -224,6 +232,22 @@ def test_the_scale_grows_with_the_errors_and_the_tilt_is_that_of_drawn_errors(rn
     middle = [scales[2].slope_deg(Dem(z.reshape(17, 17), transform, CRS))[8, 8] for z in drawn.T]
     rise = np.sqrt(np.mean(np.tan(np.radians(middle)) ** 2) / 2.0)
     assert np.degrees(np.arctan(rise)) == pytest.approx(scales[2].tilt_deg, rel=0.1)
+
+
+def bent(relief: np.ndarray, product: str | None) -> list[str]:
+    grid = Grid((15.0, 15.0, 3585.0, 3585.0), 30.0, CRS)
+    return slope_texts(Dem.on(grid, relief + 0.05 * grid.y[:, None]), TONGUE, 20.0, product)
+
+
+def test_heights_that_err_more_than_their_product_states_are_named(rng) -> None:
+    speckle = gaussian_filter(rng.standard_normal((120, 120)), 2.0)
+    clouds = bent(40.0 * speckle / speckle.std(), "aster-30")[-1]
+    assert "what is too steep may be an error of the prior" in clouds
+    assert clouds.endswith("take another prior.")
+    assert "--product" in bent(6.0 * rng.standard_normal((120, 120)), None)[-1]
+    assert len(bent(4.0 * rng.standard_normal((120, 120)), "aster-30")) == 1
+    hills = gaussian_filter(rng.standard_normal((120, 120)), 12.0)
+    assert bent(150.0 * hills / hills.std(), None) == []
 
 
 def test_a_product_without_a_limit_of_slope_is_refused() -> None:

@@ -47,6 +47,8 @@ def test_a_change_of_volume_is_asked_for_in_percent(folder):
     result = season(folder, "--season", "10%", *DATES, "-o", str(out))
     assert "10 wanted" in result.stdout
     assert "  first survey       2026-05-01" in result.stdout
+    assert "whittle (weight 0.5)" in result.stdout
+    assert "correlated to a half at 150 m" in result.stdout
 
 
 def test_what_cannot_be_reached_is_refused_with_the_largest_error(folder):
