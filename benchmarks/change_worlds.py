@@ -16,8 +16,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, quadrature
 from survey.reconstruction.gp.kernels import SquaredExponential
-from survey.scoring.change.difference import change, change_of_models
-from survey.scoring.change.volume_change import VolumeChange
+from survey.scoring.differencing.difference import change, change_of_models
+from survey.scoring.differencing.volume_change import VolumeChange
 
 UTM = "EPSG:32608"
 

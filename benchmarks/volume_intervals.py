@@ -21,7 +21,7 @@ from survey.core.map_scale import areal_factors, ground_area_m2
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.scoring.change.difference import change
+from survey.scoring.differencing.difference import change
 
 _FIRST_SEED = 93_000
 _FILTERS_CELLS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from survey.data.dem import Dem
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.change.coregistration import coregister
+from survey.scoring.differencing.coregistration import coregister
 
 if TYPE_CHECKING:
     import xdem

@@ -74,11 +74,11 @@ from survey.reconstruction.prior import SatelliteErrors as SatelliteErrors
 from survey.reconstruction.terrain_map import Reconstruction as Reconstruction
 from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics
-from survey.scoring.change.along_flow import Thickness as Thickness
-from survey.scoring.change.difference import change as change
-from survey.scoring.change.volume_change import Change as Change
-from survey.scoring.change.volume_change import VolumeChange as VolumeChange
 from survey.scoring.coverage import Coverage as Coverage
+from survey.scoring.differencing.along_flow import Thickness as Thickness
+from survey.scoring.differencing.difference import change as change
+from survey.scoring.differencing.volume_change import Change as Change
+from survey.scoring.differencing.volume_change import VolumeChange as VolumeChange
 from survey.scoring.scores import Score as Score
 from survey.scoring.scores import score as score
 from survey.scoring.standards.map_classes import Certificate as Certificate

@@ -16,7 +16,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk")
 PACKAGES = (*PRODUCT, "papers")
-MOST_FILES, MOST_FOLDERS, MOST_LINES = 480, 70, 101_500
+MOST_FILES, MOST_FOLDERS, MOST_LINES = 480, 70, 101_800
 FEWEST_MODULES = 3
 """Modules in a folder; a smaller one belongs into its parent."""
 SMALL = 80
@@ -105,11 +105,17 @@ def _imported(tree: ast.Module, names: set[str]) -> set[str]:
 
 @cache
 def users() -> dict[str, set[str]]:
-    """Return the modules of the product that import each module; folders are left out."""
+    """Return the modules of the product that import each module, and packages that make its names public; folders are left out."""
     found: dict[str, set[str]] = {
         module_name(file): set() for file, _, _ in product() if file.name != "__init__.py"
     }
-    for user, used in uses().items():
+    stubs = (file.with_suffix(".pyi") for file, _, _ in product() if file.name == "__init__.py")
+    public = {
+        module_name(stub): _imported(ast.parse(stub.read_text(encoding="utf-8")), {*found})
+        for stub in stubs
+        if stub.exists()
+    }
+    for user, used in [*uses().items(), *public.items()]:
         for name in used & found.keys() - {user}:
             found[name].add(user)
     return found

@@ -153,6 +153,8 @@ def _option_cases() -> list[Case]:
 _ON_DASK = ["montecarlo", "s.toml", "--runs", "runs", "--engine", "dask", "--scheduler"]
 _WORDS: dict[str, list[str]] = {
     "plan --pattern": [*_PLAN, "--pattern", "spiral"],
+    "plan --product": [*_PRIOR, "--max-slope", "20", "--product", "banana"],
+    "plan --product without a limit": [*_PRIOR, "--product", "aster-30"],
     "plan --crs": [*_PLAN, "--crs", "EPSG:banana"],
     "plan --crs in degrees": [*_PLAN, "--crs", "EPSG:4326"],
     "plan --require": [*_PRIOR, "--require", "class-9"],

@@ -50,8 +50,8 @@ def cases(*, quick: bool) -> list[Case]:
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
     matching = folder_of(
-        "survey/scoring/change/tracking.py",
-        "survey/scoring/change/displacements.py",
+        "survey/scoring/differencing/tracking.py",
+        "survey/scoring/differencing/displacements.py",
         "benchmarks/moving_ice/tracked.py",
     )
     yield from tracked.rows(stored(matching / "tracked.json", lambda: tracked.tracked(DATA)))

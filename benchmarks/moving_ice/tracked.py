@@ -14,7 +14,7 @@ from affine import Affine
 from benchmarks.report import Row
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
-from survey.scoring.change.tracking import track
+from survey.scoring.differencing.tracking import track
 
 BLOCK, PIXELS, EDGE = 3, 130, 24
 FILES = (

@@ -15,6 +15,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
+from firnline.actions.requests import NoPictures
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -46,12 +47,13 @@ class CalibrateRequest:
     out: Annotated[
         Path, Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it.")
     ] = Path("camera.toml")
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace an existing calibration.")] = False
 
     @property
-    def picture(self) -> Path:
-        """Picture of the residuals."""
-        return self.out.with_suffix(".png")
+    def files(self) -> list[Path]:
+        """Calibration, and the picture of the residuals if one is drawn."""
+        return [self.out] if self.no_pictures else [self.out, self.out.with_suffix(".png")]
 
     def named_board(self) -> "Board":
         """Return the board that the options name.
@@ -95,12 +97,14 @@ class CalibrationResult(WrittenResult):
 
     def _write_files(self) -> None:
         """Write the calibration, and a picture of the residuals beside it."""
+        self.calibration.write(self.request.out)
+        if self.request.no_pictures:
+            return
         from survey.core import replacing
         from survey.figures import png_bytes
         from vision_slam.calibration import calibration_figure
 
-        self.calibration.write(self.request.out)
-        with replacing(self.request.picture) as draft:
+        with replacing(self.request.files[1]) as draft:
             draft.write_bytes(png_bytes(calibration_figure(self.calibration)))
 
     def facts(self) -> dict[str, Any]:
@@ -115,7 +119,7 @@ class CalibrationResult(WrittenResult):
             f"{camera.width} × {camera.height} pixels, {camera.model}, RMS {lens_fit.rms_px:.3f} pixels, "
             f"{100.0 * calibration.coverage:.0f} % of the image reached"
         )
-        lines = [f"written to {self.request.out}, {self.request.picture}", fact_line("lens", lens)]
+        lines = [f"written to {', '.join(map(str, self.request.files))}", fact_line("lens", lens)]
         for name, value, sigma in zip(calibration.names, calibration.values, calibration.sigma, strict=True):
             digits = 2 if name[0] in "fc" else 5
             lines.append(fact_line(name, f"{value:.{digits}f} ± {sigma:.{digits}f}"))
@@ -130,7 +134,7 @@ def preview_calibration(request: CalibrateRequest) -> Preview:
     from vision_slam.readers.images import image_files
 
     _checked_board(request)
-    return Preview.of([request.out, request.picture], {"images": len(image_files(request.images))})
+    return Preview.of(request.files, {"images": len(image_files(request.images))})
 
 
 @previewed_by(preview_calibration)
@@ -166,7 +170,7 @@ def calibrate(request: CalibrateRequest, progress: Progress = no_progress) -> Ca
 
 def _checked_board(request: CalibrateRequest) -> "Board":
     board = request.named_board()
-    refuse_existing([request.out, request.picture], force=request.force, inputs=[request.images])
+    refuse_existing(request.files, force=request.force, inputs=[request.images])
     return board
 
 

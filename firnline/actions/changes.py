@@ -14,13 +14,13 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Lengths, Select
+from firnline.actions.requests import Lengths, NoPictures, Select
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
 
 if TYPE_CHECKING:
-    from survey.scoring.change.volume_change import Change
+    from survey.scoring.differencing.volume_change import Change
 
 
 OUTPUTS = (
@@ -93,6 +93,7 @@ class ChangeRequest:
     report: Annotated[
         Path | None, Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a change that is there.")] = False
 
     @property
@@ -152,12 +153,14 @@ class ChangeResult(WrittenResult):
     def _write_files(self) -> None:
         """Write the folder of the change, and the report if one is asked for."""
         from survey.core import replacing_folder
-        from survey.figures import change_map, png_bytes
-        from survey.scoring.change.volume_change import write_change
+        from survey.scoring.differencing.volume_change import write_change
 
         with replacing_folder(self.request.out, own=OUTPUTS) as draft:
             write_change(draft, self.change, *self._density)
-            (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
+            if not self.request.no_pictures:
+                from survey.figures import change_map, png_bytes
+
+                (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
         if self.request.report is not None:
             self._write_report(self.request.report)
 
@@ -167,7 +170,7 @@ class ChangeResult(WrittenResult):
 
     def facts(self) -> dict[str, Any]:
         """Return shift, volumes, masses and notes."""
-        from survey.scoring.change.volume_change import change_facts
+        from survey.scoring.differencing.volume_change import change_facts
 
         return change_facts(self.change, *self._density)
 
@@ -191,7 +194,7 @@ class ChangeResult(WrittenResult):
 
 def preview_change(request: ChangeRequest) -> Preview:
     """Read surveys and outlines, and return what would be compared."""
-    from survey.scoring.change.volume_change import read_outlines
+    from survey.scoring.differencing.volume_change import read_outlines
 
     request.check()
     writes = [request.out, *([] if request.report is None else [request.report])]
@@ -235,8 +238,8 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
-    from survey.scoring.change.difference import change as compare
-    from survey.scoring.change.volume_change import read_outlines
+    from survey.scoring.differencing.difference import change as compare
+    from survey.scoring.differencing.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request)
@@ -266,8 +269,8 @@ def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.scoring.change.difference import change_of_models
-    from survey.scoring.change.volume_change import read_outlines
+    from survey.scoring.differencing.difference import change_of_models
+    from survey.scoring.differencing.volume_change import read_outlines
 
     later, earlier = request.later, request.earlier
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
@@ -331,7 +334,7 @@ class Surveys(NamedTuple):
 
 def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
-    from survey.scoring.change.volume_change import average_survey, averaged_step_m
+    from survey.scoring.differencing.volume_change import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:

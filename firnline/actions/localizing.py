@@ -19,7 +19,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
-from firnline.actions.requests import antenna_option, columns_option, epoch_option
+from firnline.actions.requests import NoPictures, antenna_option, columns_option, epoch_option
 from survey.core import ConfigError, InputError
 
 if TYPE_CHECKING:
@@ -118,6 +118,7 @@ class LocalizeRequest:
     out: Annotated[Path, Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")] = (
         Path("localization")
     )
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace an existing localization.")] = False
 
     @property
@@ -234,7 +235,8 @@ class LocalizationResult(WrittenResult):
         drive, estimate = self.drive, self.estimate
         with replacing_folder(self.request.out, own=OWN_FILES) as folder:
             write_localization(folder, estimate)
-            write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, self.comparison))
+            if not self.request.no_pictures:
+                write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, self.comparison))
         if self.request.viewer is not None:
             from vision_slam.results import write_rrd
 
@@ -272,11 +274,12 @@ class LocalizationResult(WrittenResult):
             step = "correct calibration or times as the notes name them, and localize again"
         else:
             step = "name fixes with --gps for a path in a CRS, or wheels.csv for metres"
+        pictures = sorted(map(str, out.glob("*.png")))
         return [
             f"written to {out}",
             *figure_lines(self._figures),
             *(fact_line("note", note) for note in self.remarks),
-            fact_line("pictures", ", ".join(str(file) for file in sorted(out.glob("*.png")))),
+            *([fact_line("pictures", ", ".join(pictures))] if pictures else []),
             fact_line("next", step),
         ]
 

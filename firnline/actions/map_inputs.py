@@ -17,11 +17,9 @@ from survey.data.sensors.odometry import DriveTies
 from survey.interchange.scans import read_sensor_scans
 from survey.io.column_names import parse_columns
 from survey.reconstruction.joint.drives import SeveralDrives
-from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
 from survey.reconstruction.observations import SoundPoints, sound_points
 from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.pose_constraints import tie_drives
 
 
 def blunder_text(found: Mapping[str, Any]) -> str:
@@ -88,6 +86,8 @@ def read_points(request: MapRequest) -> PointInputs:
     errors = [path.error for path in paths] or [None]
     drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
     if options.ties is not None:
+        from vision_slam.fusion.pose_constraints import tie_drives
+
         drives = tie_drives(drives, paths, DriveTies.read(options.ties))
     points = drives.points
     if points.keyframe is not None and drives.path is None:
@@ -153,6 +153,8 @@ def _prior(file: Path, grid: survey.Grid, units: str | None) -> survey.Dem:
 
 def _registered(request: MapRequest, source: Path, path: survey.Trajectory) -> survey.SurfacePoints:
     """Return the points that scans become by the path of their drive."""
+    from survey.reconstruction.line_of_sight.scan_points import BeamErrors, scan_points
+
     found = read_sensor_scans(source, path.time_s, request.options.sigma_m)
     errors = BeamErrors(found.range_sigma_m, found.angle_sigma_deg)
     return scan_points(found.scans, path, errors, config=request.config.scans)

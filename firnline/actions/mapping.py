@@ -23,9 +23,8 @@ from firnline.actions.requests import ReconstructRequest
 from survey.core import read_json, replacing_folder
 from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
 from survey.reconstruction.mapping import cut_to_area, map_landmarks, map_scans
-from survey.reconstruction.method_choice import CHOICE, compare_methods
 from survey.reconstruction.motion.refinement import on_ice
-from survey.reconstruction.terrain_map import ELEVATION
+from survey.reconstruction.terrain_map import ELEVATION, METHOD_CHOICE
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
@@ -79,9 +78,11 @@ class MapResult(WrittenResult):
                 path.write(draft / f"corrected_trajectory{number}.csv")
             if self.motion is not None:
                 write_motion(self.motion, draft / ICE_MOTION)
-            _draw(self.reconstruction, draft)
-            if self.request.config.rays:
-                _mark(self.reconstruction, draft, self.request.options.max_slope_deg)
+            options = self.request.options
+            if not options.no_pictures:
+                _draw(self.reconstruction, draft, with_width=self.request.config.rays)
+            if options.max_slope_deg is not None:
+                _mark(self.reconstruction, draft, options.max_slope_deg)
 
     def lines(self) -> list[str]:
         """Return size, area, hyperparameters and findings of the map."""
@@ -161,9 +162,9 @@ def _checked(request: ReconstructRequest) -> MapRequest:
     return checked
 
 
-def _draw(result: survey.Reconstruction, out: Path) -> None:
-    """Write pictures of mean, standard deviation and support; large maps have none, and a log entry says so."""
-    from survey.figures import deviation_map, png_bytes, support_map, survey_map
+def _draw(result: survey.Reconstruction, out: Path, *, with_width: bool) -> None:
+    """Write pictures of mean, standard deviation, support and width; large maps have none, and a log entry says so."""
+    from survey.figures import deviation_map, png_bytes, support_map, survey_map, width_map
 
     if result.quantity != ELEVATION:
         return
@@ -179,19 +180,17 @@ def _draw(result: survey.Reconstruction, out: Path) -> None:
         "sigma": deviation_map(result),
         "support": support_map(result),
     }
+    if with_width and result.lower is not None and result.upper is not None:
+        figures["width"] = width_map(result)
     for name, figure in figures.items():
         (out / f"{name}.png").write_bytes(png_bytes(figure))
 
 
-def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
-    """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
-    from survey.figures import png_bytes, width_map
+def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float) -> None:
+    """Write the ground that is certainly too steep by the bounds."""
     from survey.reconstruction.hazards import steep_ground
 
-    if result.lower is None or result.upper is None:
-        return
-    (out / "width.png").write_bytes(png_bytes(width_map(result)))
-    if max_slope_deg is not None:
+    if result.lower is not None and result.upper is not None:
         steep_ground(result, max_slope_deg).write(out / "no_go.tif")
 
 
@@ -202,11 +201,15 @@ def _findings(result: survey.Reconstruction) -> list[str]:
     sentences = own_claim(result)
     found = result.diagnostics
     if result.method == "tin":
-        alone = "" if CHOICE in found else "σ is that of the points alone, without the relief between them; "
+        alone = (
+            ""
+            if METHOD_CHOICE in found
+            else "σ is that of the points alone, without the relief between them; "
+        )
         sentences = [*sentences, f"{alone}no class is stated."]
     lines = [fact_line("map", sentence) for sentence in sentences]
-    if CHOICE in found:
-        lines.append(fact_line("method", found[CHOICE]["sentence"]))
+    if METHOD_CHOICE in found:
+        lines.append(fact_line("method", found[METHOD_CHOICE]["sentence"]))
     share, n_low, offset_m = (
         found.get(name) for name in ("prior_covered_share", "n_low_returns", "satellite_offset_m")
     )
@@ -228,6 +231,8 @@ def _map_points(request: MapRequest, progress: Progress) -> MapResult:
     drives, grid, area, paths, prior, blunders, notes = read_points(request)
     points, quantity, choice = drives.points, request.options.value or ELEVATION, None
     if request.leaves_method_open and drives.path is None and points.covariance is None:
+        from survey.reconstruction.method_choice import compare_methods  # loads the engines
+
         choice = compare_methods(points, grid, area, quantity)
         request = request if choice is None else request.by(choice.method)
     mapped = map_landmarks(

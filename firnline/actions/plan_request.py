@@ -25,7 +25,7 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, RunOptions, Select
+from firnline.actions.requests import Above, Below, Lengths, NoPictures, Product, RunOptions, Select
 from survey.core import InputError, duration_text, energy_text, length_text
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from survey.figures.plans import PlanContent, RoverEffort
     from survey.reporting.qgis import QgisGroup
 
+
+logger = logging.getLogger(__name__)
 
 _ROUTES = (".geojson", ".gpkg")
 _FORMATS = (*_ROUTES, ".pdf", ".qgz")
@@ -81,6 +83,7 @@ class PlanRequest(RunOptions):
         float | None,
         Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None
+    product: Product = None
     no_go: Annotated[
         Path | None, Option("--no-go", help="Raster that is 1 on no-go ground, as reconstruct writes it.")
     ] = None
@@ -175,6 +178,7 @@ class PlanRequest(RunOptions):
             help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
         ),
     ] = Path("route.geojson")
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace the route and its picture where they exist.")] = (
         False
     )
@@ -184,7 +188,10 @@ class PlanRequest(RunOptions):
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:
             files = {"route": self.out, "picture": self.out.with_suffix(".png")}
-            return files if self.season is None else files | self._season_files
+            files = files if self.season is None else files | self._season_files
+            return {
+                name: file for name, file in files.items() if not (self.no_pictures and file.suffix == ".png")
+            }
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
         if self.out.suffix.lower() == ".qgz":
             area, terrain = (
@@ -201,6 +208,13 @@ class PlanRequest(RunOptions):
             name: self.out.with_name(f"{self.out.stem}_season{suffix}")
             for name, suffix in (("table", ".csv"), ("errors", ".png"))
         }
+
+    def remove_old_pictures(self) -> None:
+        """Remove the pictures of a plan that was replaced, where none are drawn of the new one."""
+        if self.no_pictures and self.force:
+            for file in replace(self, no_pictures=False).files.values():
+                if file.suffix == ".png":
+                    file.unlink(missing_ok=True)
 
     @property
     def written(self) -> dict[str, str]:
@@ -252,12 +266,15 @@ class PlanRequest(RunOptions):
                 f"the plan {self.out} ends in {self.out.suffix!r}; one of {', '.join(_FORMATS)} was expected "
                 "(firnline export writes other formats from it)."
             )
+        if self.no_pictures and self.out.suffix.lower() == ".pdf":
+            raise InputError(
+                f"the sheets {self.out} are pictures; leave --no-pictures out, or write a route (.geojson)."
+            )
         inputs = (self.source, self.prior, self.no_go, self.driven, self.measured)
         refuse_existing(self.files.values(), force=self.force, inputs=inputs)
 
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
-        from planners.routes.traversability import without_marked
         from survey.io.vector import require_transformation
 
         crs: Any = self.crs
@@ -272,8 +289,14 @@ class PlanRequest(RunOptions):
             else read_about(self.prior, area.bounds, area.crs, "the prior", units=self.units)
         )
         if self.no_go is not None:
+            from planners.routes.traversability import without_marked
+
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)
+        if prior is not None and self.product is not None and self.max_slope is not None:
+            from planners.routes.traversability import slope_text
+
+            logger.warning("%s", slope_text(prior, area, self.max_slope, self.product))
         return area, prior
 
 
@@ -389,6 +412,7 @@ class PlanResult(WrittenResult):
         if self.route is not None:
             assumptions = (*self.drawing.assumptions, *self.remarks)
             write_plan(self.request, self.route, replace(self.drawing, assumptions=assumptions))
+            self.request.remove_old_pictures()
 
 
 def with_remarks(make: Callable[[], Result]) -> Result:
@@ -456,6 +480,11 @@ def _error_text(prediction: Mapping[str, float], rmse_m: float) -> str:
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
 
     from survey.core import replacing_files
+
+    if request.no_pictures:
+        with replacing_files(request.out) as (route_file,):
+            route.write(route_file)
+        return
     from survey.figures import plan_map, png_bytes
 
     pieces = [piece.polygon for piece in drawing.left_out]

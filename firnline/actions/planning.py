@@ -155,8 +155,12 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
     sections: dict[str, Any] = {"planner": {"pattern": name} | (given or _default_size(name))}
     if request.rovers is not None:
         sections["fleet"] = {"rovers": request.rovers}
-    if request.max_slope is not None:
-        sections["rover"] = {"max_pitch_deg": request.max_slope, "max_roll_deg": request.max_slope}
+    limits = {
+        "max_pitch_deg": request.max_slope,
+        "max_roll_deg": request.max_slope,
+        "slope_product": request.product,
+    }
+    sections["rover"] = {name: value for name, value in limits.items() if value is not None}
     return sections
 
 
@@ -180,7 +184,7 @@ def _assumption(model: "ErrorModel") -> str:
 
 
 _OF_A_MISSION = (
-    "swaths", "spacing", "budget", "rmse", "prior", "crs", "no_go", "rovers", "max_slope", "pattern",
+    "swaths", "spacing", "budget", "rmse", "prior", "crs", "no_go", "rovers", "max_slope", "product", "pattern",
 )  # fmt: skip
 _OF_AN_AREA = (
     "joint",
@@ -189,13 +193,14 @@ _OF_AN_AREA = (
     "measured",
     "assume",
     "force",
+    "no_pictures",
     "season",
     "dates",
     "select",
     "above",
     "below",
 )
-_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
+_DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope", "product")
 
 
 def preview_plan(request: PlanRequest) -> Preview:

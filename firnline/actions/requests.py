@@ -35,6 +35,7 @@ Below = Annotated[
         help="Only ground of the area below this height of the prior [m], such as the tongue of a glacier; needs --prior.",
     ),
 ]
+NoPictures = Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")]
 Workers = Annotated[
     int | None,
     Option(
@@ -56,6 +57,14 @@ Lengths = Annotated[
         "--units",
         metavar="m|ft|us-ft",
         help="Unit of heights in files that state none; feet are converted to metres, and results are printed in both.",
+    ),
+]
+Product = Annotated[
+    str | None,
+    Option(
+        "--product",
+        help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
+        "unknown, or unbiased for exact level and independent errors.",
     ),
 ]
 Layout = Annotated[
@@ -136,14 +145,7 @@ class ReconstructRequest(RunOptions):
         ),
     ]
     prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster to build around.")] = None
-    product: Annotated[
-        str | None,
-        Option(
-            "--product",
-            help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
-            "unknown, or unbiased for exact level and independent errors.  [default: unknown]",
-        ),
-    ] = None
+    product: Product = None
     step_m: Annotated[
         float | None,
         Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
@@ -233,6 +235,7 @@ class ReconstructRequest(RunOptions):
         Path | None,
         Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
     ] = None
+    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a reconstruction that is there.")] = False
 
     @property

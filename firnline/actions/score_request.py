@@ -205,17 +205,19 @@ def map_of(
 
     from survey.data.ice_motion import ICE_MOTION, read_motion
     from survey.io.raster import band_count
-    from survey.reconstruction.motion.epoch import at_epoch
-    from survey.reconstruction.terrain_map import INTERPOLATED
 
     if source.is_dir():
         own = survey.Reconstruction.read(source)
         if epoch_s is None:
             return own
+        from survey.reconstruction.motion.epoch import at_epoch
+
         return at_epoch(own, read_motion(source / ICE_MOTION), epoch_s)[0]
     mean = survey.Dem.read(source, crs=crs, units=units)
     if band_count(source) < 2:
         return mean
+    from survey.reconstruction.terrain_map import INTERPOLATED
+
     std = survey.Dem.read(source, band=2, crs=crs, units=units)
     return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})
 

@@ -116,10 +116,12 @@ class ScoreResult(Result):
         ScoreResult
             The result with the place of the report.
         """
+        place = report or self.request.report
+        if place is None:
+            return self
         from survey.reporting.document import write_document
 
-        place = report or self.request.report
-        return self if place is None else replace(self, written=write_document(place, self.document()))
+        return replace(self, written=write_document(place, self.document()))
 
     @property
     def is_met(self) -> bool:
@@ -296,10 +298,10 @@ def _reference_report(
 
 def _score_at_checkpoints(request: ScoreRequest, map_: "survey.Reconstruction | survey.Dem") -> ScoreResult:
     """Judge a map by checkpoints."""
-    from survey.scoring import compare, score_at
-
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
     points = read_checkpoints(request, dem)
+    from survey.scoring import compare, score_at  # what cannot be read is refused before their imports
+
     area = area_if_named(request.area, request, dem.crs)
     errors = compare(dem, points, area)
     judged = score_at(

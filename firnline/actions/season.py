@@ -37,6 +37,7 @@ class SeasonPlan(PlanResult):
     def _write_files(self) -> None:
         """Write route, map, table and errors; all replace what was there, or none does."""
         _write(self.request, self.design, self.drawing)
+        self.request.remove_old_pictures()
 
     def facts(self) -> dict[str, Any]:
         """Return files, unit and the best design."""
@@ -145,6 +146,12 @@ def _row(design: "SeasonDesign", option: "SeasonOption") -> dict[str, Any]:
 def _write(request: PlanRequest, design: "SeasonDesign", drawing: PlanDrawing) -> None:
     """Write route, map, table and errors; all replace what was there, or none does."""
     from survey.core import replacing_files
+
+    if request.no_pictures:
+        with replacing_files(*request.files.values()) as (route_file, table_file):
+            design.route.write(route_file)
+            table_file.write_text(_table(design), encoding="utf-8")
+        return
     from survey.figures import plan_map, png_bytes
     from survey.figures.plans import season_plot
 

@@ -51,10 +51,13 @@ class TiledMapResult(Result):
         Layout and settings.
     result : TiledResult
         Record, and the test by withheld cells.
+    draws : bool
+        Whether the test is drawn beside the map.
     """
 
     job: TiledJob
     result: TiledResult
+    draws: bool = True
 
     def write(self) -> "TiledMapResult":
         """Draw the test by withheld cells beside the map.
@@ -64,6 +67,8 @@ class TiledMapResult(Result):
         TiledMapResult
             The same.
         """
+        if not self.draws:
+            return self
         from survey.figures.calibration import withheld_plot
         from survey.figures.style import png_bytes
 
@@ -141,7 +146,7 @@ def map_in_tiles(
     announce(fact_line("work", "; ".join(_facts(job).values())))
     engine: Any = "dask" if request.scheduler else "serial" if request.workers == 1 else "processes"
     with open_workers(engine, request.workers, request.scheduler) as run:
-        return TiledMapResult(job, make_map(job, run, progress))
+        return TiledMapResult(job, make_map(job, run, progress), draws=not request.no_pictures)
 
 
 def _checked_job(request: ReconstructRequest, *, removes: bool = True) -> TiledJob:

@@ -11,9 +11,9 @@ from survey.core import ConfigError, InputError
 if TYPE_CHECKING:
     from pyproj import CRS
 
-    from survey.scoring.change.along_flow import Thickness
-    from survey.scoring.change.displacements import DisplacementField
-    from survey.scoring.change.tracking import TrackedMotion
+    from survey.scoring.differencing.along_flow import Thickness
+    from survey.scoring.differencing.displacements import DisplacementField
+    from survey.scoring.differencing.tracking import TrackedMotion
 
 
 _TRACKED = "track"
@@ -40,8 +40,8 @@ def _flow_of(
     named: str, days: float | None, later: "survey.Dem", earlier: "survey.Dem"
 ) -> "DisplacementField":
     """Return the displacement between two surveys."""
-    from survey.scoring.change.displacements import TrackedField
-    from survey.scoring.change.tracking import read_tracked
+    from survey.scoring.differencing.displacements import TrackedField
+    from survey.scoring.differencing.tracking import read_tracked
 
     if "," in named:
         return _of_rasters(named, _days(days), later.crs)
@@ -58,7 +58,7 @@ def _flow_of(
 
 def _thickness_of(named: str | None, error: float) -> "Thickness | None":
     """Return the thickness that an option names: metres or a raster."""
-    from survey.scoring.change.along_flow import Thickness
+    from survey.scoring.differencing.along_flow import Thickness
 
     if named is None:
         return None
@@ -73,8 +73,8 @@ def _thickness_of(named: str | None, error: float) -> "Thickness | None":
 
 def _tracked(later: "survey.Dem", earlier: "survey.Dem") -> "DisplacementField":
     """Track the features of the earlier survey in the later one, on the grid of the coarser one."""
-    from survey.scoring.change.displacements import TrackedField
-    from survey.scoring.change.tracking import track
+    from survey.scoring.differencing.displacements import TrackedField
+    from survey.scoring.differencing.tracking import track
 
     coarser = later if later.step_m >= earlier.step_m else earlier
     grid = coarser.grid()
@@ -85,7 +85,7 @@ def _tracked(later: "survey.Dem", earlier: "survey.Dem") -> "DisplacementField":
 def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
     from survey.core import same_crs
     from survey.reconstruction.motion.priors import VelocityRasters
-    from survey.scoring.change.displacements import RasterField
+    from survey.scoring.differencing.displacements import RasterField
 
     files = named.split(",")
     if len(files) != 4:
@@ -101,7 +101,7 @@ def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
 
 def _of_motion(file: Path, days: float) -> "DisplacementField":
     from survey.data.ice_motion import read_motion
-    from survey.scoring.change.displacements import SteadyField
+    from survey.scoring.differencing.displacements import SteadyField
 
     return SteadyField(read_motion(file), days)
 
@@ -151,7 +151,7 @@ class TrackResult(WrittenResult):
 
     def _write_files(self) -> None:
         """Write the windows as points."""
-        from survey.scoring.change.tracking import write_tracked
+        from survey.scoring.differencing.tracking import write_tracked
 
         write_tracked(self.request.out, self.motion, self.request.days, self.earlier.crs)
 
@@ -195,7 +195,7 @@ def track(request: TrackRequest) -> TrackResult:
     InputError
         Input that cannot be used, or an output that exists.
     """
-    from survey.scoring.change import tracking
+    from survey.scoring.differencing import tracking
 
     earlier, later = _tracked_pair(request)
     found = tracking.track(
@@ -210,7 +210,7 @@ def track(request: TrackRequest) -> TrackResult:
 
 
 def _tracked_pair(request: TrackRequest) -> "tuple[survey.Dem, survey.Dem]":
-    from survey.scoring.change.tracking import check_pair
+    from survey.scoring.differencing.tracking import check_pair
 
     refuse_existing([request.out], force=request.force, inputs=(request.earlier, request.later))
     earlier, later = survey.Dem.read(request.earlier), survey.Dem.read(request.later)

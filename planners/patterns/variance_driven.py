@@ -18,7 +18,6 @@ from planners.patterns.planner import LayoutTask, Planner, always
 from planners.swaths.reference_lines import towards
 from survey import InputError, Leg, Route, SurveyArea
 from survey.core import FloatArray
-from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
 
 if TYPE_CHECKING:
     from planners.prediction.error_model import ErrorModel
@@ -135,6 +134,8 @@ def _gain_of_places(path: FloatArray, insertions: list[_Insertion], model: "Erro
     xy, factor = _samples(path, model)
     one = model.posterior.likeliest
     noise_m = factor * one.noise_m
+    from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+
     gp = DenseGaussianProcess.fit(
         xy, np.zeros(len(xy)), np.full(len(xy), noise_m), one.kernel, trend="constant"
     )

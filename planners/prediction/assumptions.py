@@ -13,10 +13,10 @@ of the same class, and what samples cannot separate is added as micro-relief.
   roughest families.
 - Snow: wind smooths it; the smooth families, and a few centimetres of sastrugi.
 - Unknown: eleven landscapes in airborne lidar, from farmland and tundra to gullies, a crater and alpine slopes. The error of
-  the maps of 68 windows, surveyed along 4, 8 and 16 lines with two kinds of prior, is predicted by the geometric mean of
+  the maps of 55 windows, surveyed along 4, 8 and 16 lines with two kinds of prior, is predicted by the geometric mean of
   Matérn 3/2 and Whittle with equal weights: the median of predicted over actual error is 1.0 at each of the three densities,
-  the lower and the upper tenth 0.5 and 1.9 (``python -m benchmarks.prediction``). The means of the landscapes have a standard
-  deviation of the logarithm of 0.31, so that the scale of Student's distribution for another landscape is 0.33.
+  the lower and the upper tenth 0.5 and 1.9 (``python -m benchmarks.prediction`` measures them). The means of the landscapes
+  have a standard deviation of the logarithm of 0.31, so that the scale of Student's distribution for another one is 0.33.
 
 Spreads of the other classes are smaller, as they state more.
 """

@@ -36,7 +36,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.prediction.places import slope_length_m, spread_places
+from planners.prediction.places import spread_places
 from planners.prediction.prior_cells import PriorCells
 from survey import SurveyArea
 from survey.core import FloatArray, IntArray
@@ -265,18 +265,14 @@ _N_IN_COMMON = 120
 FITTED_KERNEL_INFLATION = 1.02
 """Ratio of errors with a fitted covariance to those with the true one, on rough terrain."""
 
-# Of more samples than this, those nearer to one another than a share of the slope length are averaged, but no more of
-# them than here: rough terrain changes between them.
-_MOST_FACTORIZED = 1000
-_AVERAGED, _SHARE_OF_GAP = 0.2, 0.125
-
 # Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
 _LEAST_RATIO = 4e-9
 
 # Maps of more samples or cells are predicted group by group of places, each from so many samples near it; the radius of a
-# group is at most a share of theirs.
-_MOST_AT_ONCE, _MOST_CELLS = 2000, 500
+# group is at most a share of theirs. Samples of a long route are no nearer than a share of the distance between lines.
+_MOST_AT_ONCE, _MOST_CELLS = 1000, 500
 _N_NEAR, _NEAR_SHARE = 250, 0.4
+_SHARE_OF_GAP = 0.125
 
 
 class MapPrediction(NamedTuple):
@@ -360,7 +356,7 @@ class MapPredictor:
     def _left(self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray) -> list[_Left]:
         """Return what the map leaves at places (M, 2), for each covariance."""
         n_kernels = len(posterior.kernels)
-        thin = self._averaged(xy, posterior)
+        thin = self._averaged(xy)
         xy, posterior = xy[::thin], posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
         variance, noise = np.empty((n_kernels, len(at))), np.empty((n_kernels, len(at)))
         squared = np.zeros(n_kernels)
@@ -395,17 +391,12 @@ class MapPredictor:
                 continue
             yield _Group(index, xy[np.atleast_1d(near)], cells)
 
-    def _averaged(self, xy: FloatArray, posterior: KernelPosterior) -> int:
-        """Return how many neighbouring samples one stands for."""
-        if len(xy) <= _MOST_FACTORIZED:
-            return 1
-        smooth_m = min(slope_length_m(one.kernel) for one in posterior.kernels)
-        n = min(int(_AVERAGED * smooth_m / self.step_m), *(one.most_averaged for one in posterior.kernels))
+    def _averaged(self, xy: FloatArray) -> int:
+        """Return how many neighbouring samples one stands for, so that samples near a place lie on several lines."""
         if len(xy) <= _MOST_AT_ONCE:
-            return max(n, 1)
-        # Samples near a place have to lie on several lines.
+            return 1
         apart_m = float(self.area.free.area) / (len(xy) * self.step_m)
-        return max(n, int(_SHARE_OF_GAP * apart_m / self.step_m), 1)
+        return max(int(_SHARE_OF_GAP * apart_m / self.step_m), 1)
 
     def _seen(self, group: _Group, one: WeightedKernel, at: FloatArray) -> _Seen:
         """Return the correlations of a group's samples and cells."""

@@ -353,11 +353,6 @@ class WeightedKernel(NamedTuple):
         return self.cell.kernel(self.variance_m2) if self.known is None else self.known
 
     @property
-    def most_averaged(self) -> int:
-        """How many neighbouring samples one place may stand for."""
-        return getattr(self.kernel, "most_averaged", 1)
-
-    @property
     def correlation_key(self) -> object:
         """What kernels with the same correlations have in common."""
         return (self.cell.family, self.cell.length) if self.known is None else self.known

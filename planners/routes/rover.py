@@ -23,6 +23,7 @@ from planners.config import dem_in_grid_metres, in_grid_metres
 from survey import Dem, InputError, Leg, SurveyArea
 from survey.core import FloatArray, Section
 from survey.core.map_scale import ground_lengths_m
+from survey.reconstruction.prior import ProductName
 
 _GRAVITY_M_S2 = 9.81
 _TURN_RAD = np.radians(30.0)
@@ -213,6 +214,17 @@ class RoverLimits(Section):
     """Largest standard deviation of heights about the plane through 3 × 3 cells [m]; not checked when left out."""
     clearance_m: NonNegativeFloat = 0.0
     """Distance that the rover's centre keeps from every border, such as half its width [m]."""
+    slope_product: ProductName | None = None
+    """Class of the elevation product that slopes are read from, over a scale at which its errors tilt the ground by little
+    (aster-30, srtm-90, copernicus-30, arcticdem-2, unknown); when left out, slopes are those between cells."""
+
+    @model_validator(mode="after")
+    def _product_with_limit(self) -> Self:
+        if self.slope_product is not None and self.max_slope_deg is None:
+            raise ValueError(
+                "slope_product goes with a limit of slope; give max_pitch_deg or max_roll_deg (--max-slope) too"
+            )
+        return self
 
     @property
     def max_slope_deg(self) -> float | None:

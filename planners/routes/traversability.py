@@ -1,18 +1,19 @@
 """Traversability: ground within a rover's limits of slope, roughness and width, reachable from its starts.
 
 `drivable` closes the cells of a DEM that are too steep or too rough, ground that is too narrow, and pieces that no start
-reaches. It returns the free ground, and each piece that is left out with the reason. `without_marked` cuts the marked
-cells of a raster out of an area as no-go zones; `between_heights` cuts an area to a range of heights.
+reaches. It returns the free ground, and each piece that is left out with the reason. `slope_scale` finds over which scale
+the slopes of a noisy product are read. `without_marked` cuts the marked cells of a raster out of an area as no-go zones;
+`between_heights` cuts an area to a range of heights.
 """
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import rasterio.features
 import shapely
-from scipy.ndimage import convolve
+from scipy.ndimage import convolve, correlate1d
 from shapely import MultiPolygon, Polygon
 
 from planners.capacity import require_cells
@@ -21,6 +22,7 @@ from planners.routes.rover import RoverLimits
 from planners.routes.shortest_paths import FreeGround
 from survey import Dem, InputError, Route, SurveyArea
 from survey.core import BoolArray, FloatArray
+from survey.reconstruction.prior import PRODUCTS, PriorErrors
 
 logger = logging.getLogger(__name__)
 
@@ -46,6 +48,92 @@ def roughness(dem: Dem) -> FloatArray:
     residual = square - 9.0 * mean**2 - (east**2 + north**2) / 6.0
     sd: FloatArray = np.sqrt(np.maximum(residual, 0.0) / 6.0)
     return sd
+
+
+class SlopeScale(NamedTuple):
+    """Scale over which slopes are read, in cells (0 for those between cells), and how far errors tilt the ground there [deg].
+
+    The tilt is the standard deviation along either axis.
+    """
+
+    n_cells: float
+    tilt_deg: float
+
+    def slope_deg(self, dem: Dem) -> FloatArray:
+        """Return the slope of the least-squares plane about each cell, weighted by a Gaussian with this deviation [deg].
+
+        At the border and beside unknown cells the plane is that of the known cells on one side.
+        """
+        if self.n_cells == 0.0:
+            return dem.slope().elevation
+        offset, weight = _gaussian(self.n_cells)
+        known = np.isfinite(dem.elevation)
+        z = np.where(known, dem.elevation - np.nanmean(dem.elevation), 0.0)
+
+        def moment(values: FloatArray, row: int, column: int) -> FloatArray:
+            along = correlate1d(values, weight * offset**column, axis=1, mode="constant")
+            return np.asarray(correlate1d(along, weight * offset**row, axis=0, mode="constant"))
+
+        total = np.maximum(moment(known.astype(float), 0, 0), 1e-12)
+        (y, x, yy, xx, xy) = (
+            moment(known.astype(float), *powers) / total
+            for powers in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+        )
+        h, hy, hx = (moment(z, *powers) / total for powers in ((0, 0), (1, 0), (0, 1)))
+        yy, xx, xy, hy, hx = yy - y * y, xx - x * x, xy - x * y, hy - h * y, hx - h * x
+        scaled = np.maximum(xx * yy - xy**2, 1e-9) * dem.step_m
+        return np.degrees(np.arctan(np.hypot(yy * hx - xy * hy, xx * hy - xy * hx) / scaled))
+
+
+# Scales that are tried, in cells; errors that tilt the ground by a fifth of the limit exceed it nowhere.
+_SCALES = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+_SMALL_TILT = 0.2
+
+
+def slope_scale(cell_m: float, limits: RoverLimits) -> SlopeScale:
+    """Return the smallest scale at which the errors of the limits' product tilt the ground by a fifth of the limit at most.
+
+    Where no scale up to eight cells is enough, it is eight cells. `cell_m`: width of a cell on the ground [m].
+
+    >>> slope_scale(30.0, RoverLimits(max_pitch_deg=10.0, slope_product="aster-30")).n_cells
+    1.5
+    """
+    if limits.slope_product is None or limits.max_slope_deg is None:
+        return SlopeScale(0.0, 0.0)
+    errors, most = PRODUCTS[limits.slope_product], _SMALL_TILT * np.tan(np.radians(limits.max_slope_deg))
+    for n_cells in _SCALES:
+        rise = _error_rise(errors, cell_m, n_cells)
+        if rise <= most:
+            break
+    return SlopeScale(n_cells, float(np.degrees(np.arctan(rise))))
+
+
+def slope_text(dem: Dem, area: SurveyArea, limit_deg: float, product: str) -> str:
+    """Return in a sentence over which scale slopes of a product are read, and how far its errors tilt the ground there."""
+    cell_m = dem.step_m / settings_factor(area)
+    n_cells, tilt_deg = slope_scale(cell_m, RoverLimits(max_pitch_deg=limit_deg, slope_product=product))
+    over = f"by planes of ± {n_cells * cell_m:.0f} m about each cell" if n_cells else "between its cells"
+    return f"slopes of the prior are read {over}, where the errors of {product} tilt the ground by {tilt_deg:.1f}° (1 σ)."
+
+
+def _error_rise(errors: PriorErrors, cell_m: float, n_cells: float) -> float:
+    """Return the standard deviation of the rise that errors of cells have along one axis, over a scale in cells."""
+    from scipy.signal import correlate  # loads two hundred modules
+
+    offset, weight = _gaussian(max(n_cells, 0.2))
+    weights = np.outer(weight, weight * offset)
+    weights /= cell_m * np.sum(weights * offset)
+    lag_m = cell_m * (np.arange(2 * len(offset) - 1) - len(offset) + 1.0)
+    apart_m = np.hypot(lag_m[:, None], lag_m)
+    correlated = errors.correlated.median_m**2 * np.exp(-apart_m / errors.correlation_m)
+    covariance = correlated + np.where(apart_m == 0.0, errors.white.median_m**2, 0.0)
+    return float(np.sqrt(np.sum(correlate(weights, weights) * covariance)))
+
+
+def _gaussian(n_cells: float) -> tuple[FloatArray, FloatArray]:
+    """Return offsets in cells to four deviations, and their weights by a Gaussian with a deviation in cells."""
+    offset = np.arange(-np.ceil(4.0 * n_cells), np.ceil(4.0 * n_cells) + 1.0)
+    return offset, np.exp(-0.5 * (offset / n_cells) ** 2)
 
 
 def cell_outline(cells: BoolArray, dem: Dem) -> shapely.Geometry:
@@ -136,7 +224,7 @@ def drivable(
     only: nowhere on the ground does the slope between cell centres exceed the limit.
 
     Slopes are those of the DEM's cells: steps smaller than a cell, crevasses and boulders
-    are not seen. Limits are those on the ground, whatever the scale of the CRS.
+    are not seen. Those of a stated product are read over the scale of `slope_scale`. Limits are those on the ground, whatever the scale of the CRS.
 
     >>> area = SurveyArea.rectangle((0.0, 0.0, 100.0, 50.0), "EPSG:32608")
     >>> drivable(area, RoverLimits(clearance_m=2.0)).ground.polygon.area < area.free.area
@@ -244,13 +332,13 @@ def _pieces(shape: shapely.Geometry, reason: Reason) -> list[LeftOut]:
 def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reason, shapely.Geometry]:
     """Return, for each reason, the ground of the cells that are closed for it."""
     xmin, ymin, xmax, ymax = area.bounds
-    pad = 3.0 * dem.step_m
+    scale = slope_scale(dem.step_m / settings_factor(area), limits)
+    pad = max(3.0, 4.0 * scale.n_cells) * dem.step_m
     dem = dem.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
     require_cells(dem.elevation.size)
-    slope_deg = dem.slope().elevation
-    closed: dict[Reason, BoolArray] = {"height unknown": ~np.isfinite(slope_deg)}
+    closed: dict[Reason, BoolArray] = {"height unknown": ~np.isfinite(dem.slope().elevation)}
     if limits.max_slope_deg is not None:
-        closed["too steep"] = slope_deg > limits.max_slope_deg
+        closed["too steep"] = scale.slope_deg(dem) > limits.max_slope_deg
     if limits.max_roughness_m is not None:
         closed["too rough"] = roughness(dem) > limits.max_roughness_m
     ground: dict[Reason, shapely.Geometry] = {

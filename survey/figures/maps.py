@@ -48,7 +48,7 @@ from survey.figures.style import (
     symmetric_limits,
 )
 from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
-from survey.scoring.change.volume_change import Change
+from survey.scoring.differencing.volume_change import Change
 
 SUPPORT = {
     UNSEEN: ("Unseen", "#dcdcdc"),

@@ -3,9 +3,6 @@
 Route exports, scan readers and dataset layouts live here; formats that know no data type live in `survey.io`.
 """
 
-from survey.interchange.conversion import convert
-from survey.interchange.route_formats import read_plan, write_plan
-from survey.interchange.tum_euroc import write_euroc
-from survey.io.trajectory_files import read_kitti
+from survey.core.lazy import attach
 
-__all__ = ["convert", "read_kitti", "read_plan", "write_euroc", "write_plan"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -6,8 +6,10 @@ geometries in another CRS are transformed, and a column with its WKT brings them
 
 import logging
 import shutil
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -45,8 +47,7 @@ _GDAL_OPTIONS = {
 @contextmanager
 def gdal_bindings() -> Iterator[Any]:
     """Yield the bindings to GDAL, without network; options that others have set come back afterwards."""
-    import pyogrio  # loaded when first needed: maps from arrays do without its 30 MB
-
+    pyogrio = _pyogrio()
     before = {name: pyogrio.get_gdal_config_option(name) for name in _GDAL_OPTIONS}
     pyogrio.set_gdal_config_options(_GDAL_OPTIONS)
     try:
@@ -55,10 +56,28 @@ def gdal_bindings() -> Iterator[Any]:
         pyogrio.set_gdal_config_options(before)
 
 
+def _pyogrio() -> Any:
+    """Import pyogrio, which takes 30 MB, when it is first needed.
+
+    It imports GeoPandas, pandas and PyArrow where they are installed, in 0.5 s, and readers of layers use none of them. A
+    command does without; a program of the user's finds all three.
+    """
+    main = getattr(sys.modules.get("__main__"), "__spec__", None)
+    is_command = "firnline.__main__" in sys.modules or getattr(main, "name", "") == "firnline.__main__"
+    if is_command and "pyogrio" not in sys.modules:
+        hidden = {"geopandas", "pandas", "pyarrow"}.difference(sys.modules)
+        sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # an import of them fails
+        try:
+            return import_module("pyogrio")
+        finally:
+            for name in hidden:
+                del sys.modules[name]
+    return import_module("pyogrio")
+
+
 def pyogrio_errors() -> tuple[type[Exception], ...]:
     """Return what reading and writing through GDAL may raise."""
-    from pyogrio import errors as e
-
+    e = _pyogrio().errors
     return (
         e.DataSourceError,
         e.DataLayerError,

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 from scipy.special import chdtr, chdtrc, chdtri, ndtr, ndtri
 
 from survey.core import DataObject, FloatArray, IntArray
@@ -322,6 +321,8 @@ def _ranges(distance_m: FloatArray) -> list[IntArray]:
 
 def _factor(groups: HeldOutGroups, rows: IntArray) -> float:
     """Return the factor on the predicted deviation that brings the mean squared z-score to 1; 1 to 30."""
+    from scipy.optimize import brentq  # slow to import, and readers of maps need none
+
     error, variance, noise = groups.error_m[rows], groups.variance_m2[rows], groups.noise_m2[rows]
 
     def excess(factor: float) -> float:
@@ -375,6 +376,8 @@ class RmsePosterior:
 
 def _upper_m2(squared: WeightedChiSquare) -> float:
     """Return what a mean square stays below with a probability of 95 %, its size uncertain [m²]."""
+    from scipy.optimize import brentq
+
     scales = np.exp(2.0 * _SCALE_LOG_SD * (_STANDARD - _SCALE_LOG_SD))
 
     def missing(value: float) -> float:

@@ -22,10 +22,8 @@ from survey.reconstruction.gp.kernel_average import averaged_kernels
 from survey.reconstruction.gp.marginal_likelihood import are_wide
 from survey.reconstruction.methods.triangulation import Triangles
 from survey.reconstruction.observations import Observations
-from survey.reconstruction.terrain_map import ELEVATION, INTERPOLATED, Reconstruction
+from survey.reconstruction.terrain_map import ELEVATION, INTERPOLATED, METHOD_CHOICE, Reconstruction
 
-CHOICE = "method_choice"
-"""Entry of the diagnostics: the method that was chosen, and why."""
 # Ratio of errors that counts as equal, most points left out and their share, and points that predict each.
 _AS_GOOD, _MOST_LEFT_OUT, _SHARE_LEFT_OUT, _N_AROUND = 1.02, 1000, 0.1, 80
 # Share of the nodes that may lie farther from points than nearly all that were left out; ranges of that distance.
@@ -51,7 +49,7 @@ class MethodChoice:
 
     def recorded(self, result: Reconstruction, points: SurfacePoints) -> Reconstruction:
         """Return a map with the choice in its record; nodes beyond triangles take the height of the nearest point."""
-        facts = {**result.diagnostics, CHOICE: asdict(self)}
+        facts = {**result.diagnostics, METHOD_CHOICE: asdict(self)}
         if self.method != "tin":
             return replace(result, diagnostics=facts)
         facts.pop("standard_deviation")

@@ -30,9 +30,9 @@ from survey.reconstruction.gp.mean import DemMean
 from survey.reconstruction.joint.drives import PathCorrection
 from survey.reconstruction.method import MappedTerrain, MappingTask, MethodSettings, ScanSettings
 from survey.reconstruction.registry import METHODS
-from survey.scoring.change.variogram import Structure
-from survey.scoring.change.volume_change import AlongFlow, FlowBalance
 from survey.scoring.coverage import NodeCounts
+from survey.scoring.differencing.variogram import Structure
+from survey.scoring.differencing.volume_change import AlongFlow, FlowBalance
 from survey.terrain.synthetic import cosine_surface
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.self_calibration import LensEstimate
@@ -56,9 +56,9 @@ HELD = {
     "survey.reconstruction.method": "MappedTerrain MappingTask ReconstructionMethod ScanSettings",
     "survey.reconstruction.prior": "ErrorScale PriorErrors",
     "survey.reconstruction.registry": "ReconstructionConfig",
-    "survey.scoring.change.coregistration": "Shift",
-    "survey.scoring.change.variogram": "Structure Variogram",
-    "survey.scoring.change.volume_change": "AlongFlow FlowBalance MassBalance",
+    "survey.scoring.differencing.coregistration": "Shift",
+    "survey.scoring.differencing.variogram": "Structure Variogram",
+    "survey.scoring.differencing.volume_change": "AlongFlow FlowBalance MassBalance",
     "survey.scoring.coverage": "NodeCounts",
     "survey.scoring.standards.map_classes": "Verdict",
     "vision_slam.config": "ImageOdometryErrors",

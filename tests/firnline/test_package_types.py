@@ -41,9 +41,9 @@ from survey.reporting.survey_results import (
     SurveyResults,
 )
 from survey.scoring import Checkpoints, map_classes, score_at
-from survey.scoring.change.displacements import RasterField, SteadyField, TrackedField
-from survey.scoring.change.tracking import TrackedMotion
 from survey.scoring.coverage import SampleCells
+from survey.scoring.differencing.displacements import RasterField, SteadyField, TrackedField
+from survey.scoring.differencing.tracking import TrackedMotion
 from survey.scoring.standards.checkpoint_errors import compare
 from survey.scoring.standards.standards import STANDARDS
 from survey.terrain.real import SampleSite
@@ -70,8 +70,8 @@ MODULES = {
     "survey.reconstruction.gp.mean": "ConstantMean DemMean FunctionMean",
     "survey.reconstruction.motion.priors": "VelocityRasters",
     "survey.reporting.survey_results": "FleetResults HazardResults OnBoard PayloadResults RoverDrive SurveyResults",
-    "survey.scoring.change.displacements": "RasterField SteadyField TrackedField",
-    "survey.scoring.change.tracking": "TrackedMotion",
+    "survey.scoring.differencing.displacements": "RasterField SteadyField TrackedField",
+    "survey.scoring.differencing.tracking": "TrackedMotion",
     "survey.scoring.coverage": "SampleCells",
     "survey.scoring.standards.assessment": "Assessment CheckpointScore",
     "survey.scoring.standards.checkpoint_errors": "CheckpointErrors RmseInterval Spread",

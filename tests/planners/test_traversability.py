@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 import shapely
 from affine import Affine
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.distance import cdist
 
 from planners.routes.rover import RoverLimits
-from planners.routes.traversability import between_heights, drivable, on_free_ground, roughness
+from planners.routes.traversability import between_heights, drivable, on_free_ground, roughness, slope_scale
 from survey import Leg, Route
-from survey.core.errors import InputError
+from survey.core import validated
+from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 
@@ -158,3 +161,73 @@ def test_a_route_that_leaves_the_free_ground_is_refused(line: list[list[float]])
         on_free_ground(Route((Leg("swath", line),), area.crs, "line"), area.free)
     near = Route((Leg("swath", [[10.0, -0.001], [90.0, -0.001]]),), area.crs, "line")
     assert on_free_ground(near, area.free) is near
+
+
+TONGUE = SurveyArea.rectangle((300.0, 300.0, 3300.0, 3300.0), CRS)
+
+
+def tongue(limit_deg: float, product: str | None, *, correlated_m: float = 0.0, wall_deg: float = 0.0):
+    """Return what is drivable of a plane of 3° with errors of 4 m in cells of 30 m, and a wall of 300 m width across it."""
+    rng = np.random.default_rng(11)
+    x, y = np.meshgrid(np.arange(15.0, 3600.0, 30.0), np.arange(3585.0, 0.0, -30.0))
+    height = np.tan(np.radians(3.0)) * y + np.tan(np.radians(wall_deg)) * np.clip(x - 1650.0, 0.0, 300.0)
+    smooth = gaussian_filter(rng.standard_normal(x.shape), 6.0, mode="wrap")
+    height += 4.0 * rng.standard_normal(x.shape) + correlated_m * smooth / smooth.std()
+    dem = Dem(height, Affine(30.0, 0.0, 0.0, 0.0, -30.0, 3600.0), CRS)
+    return drivable(
+        TONGUE, RoverLimits(max_pitch_deg=limit_deg, max_roll_deg=limit_deg, slope_product=product), dem
+    )
+
+
+def too_steep(site) -> shapely.Geometry:
+    return shapely.union_all([piece.polygon for piece in site.left_out if piece.reason == "too steep"])
+
+
+@pytest.mark.parametrize(("limit_deg", "correlated_m"), [(20.0, 0.0), (20.0, 6.0), (10.0, 0.0), (10.0, 6.0)])
+def test_a_flat_tongue_in_a_noisy_product_is_not_too_steep(limit_deg, correlated_m) -> None:
+    site = tongue(limit_deg, "aster-30", correlated_m=correlated_m)
+    assert too_steep(site).area <= 0.002 * TONGUE.polygon.area
+    if limit_deg == 10.0:
+        assert too_steep(tongue(limit_deg, None, correlated_m=correlated_m)).area > 0.2 * TONGUE.polygon.area
+
+
+@pytest.mark.parametrize("limit_deg", [10.0, 20.0])
+def test_a_wall_in_a_noisy_product_is_still_left_out(limit_deg) -> None:
+    wall = shapely.box(1665.0, 300.0, 1935.0, 3300.0)
+    closed = too_steep(tongue(limit_deg, "aster-30", correlated_m=6.0, wall_deg=30.0))
+    assert shapely.intersection(closed, wall).area > 0.97 * wall.area
+    assert shapely.difference(closed, wall.buffer(150.0)).area <= 0.002 * TONGUE.polygon.area
+
+
+def test_planes_keep_their_slope_beside_gaps_at_any_scale() -> None:
+    x, y = np.meshgrid(np.arange(60.0), np.arange(60.0))
+    dem = Dem(
+        np.where(x * y > 2000.0, np.nan, 6.0 * x - 2.0 * y), Affine(30.0, 0.0, 0.0, 0.0, -30.0, 0.0), CRS
+    )
+    slope = slope_scale(dem.step_m, RoverLimits(max_pitch_deg=5.0, slope_product="aster-30")).slope_deg(dem)
+    assert slope[np.isfinite(dem.elevation)] == pytest.approx(
+        np.degrees(np.arctan(np.hypot(6.0, 2.0) / 30.0))
+    )
+
+
+def test_the_scale_grows_with_the_errors_and_the_tilt_is_that_of_drawn_errors(rng) -> None:
+    scales = [
+        slope_scale(30.0, RoverLimits(max_pitch_deg=10.0, slope_product=name))
+        for name in ("arcticdem-2", "copernicus-30", "aster-30")
+    ]
+    assert [one.n_cells for one in scales] == sorted(one.n_cells for one in scales)
+    assert scales[0].n_cells == 0.0
+    xy = 30.0 * np.stack(np.meshgrid(np.arange(17.0), np.arange(17.0)), axis=-1).reshape(-1, 2)
+    errors = 36.0 * np.exp(-cdist(xy, xy) / 500.0) + 16.0 * np.eye(len(xy))
+    drawn = np.linalg.cholesky(errors) @ rng.standard_normal((len(xy), 400))
+    transform = Affine(30.0, 0.0, 0.0, 0.0, -30.0, 0.0)
+    middle = [scales[2].slope_deg(Dem(z.reshape(17, 17), transform, CRS))[8, 8] for z in drawn.T]
+    rise = np.sqrt(np.mean(np.tan(np.radians(middle)) ** 2) / 2.0)
+    assert np.degrees(np.arctan(rise)) == pytest.approx(scales[2].tilt_deg, rel=0.1)
+
+
+def test_a_product_without_a_limit_of_slope_is_refused() -> None:
+    with pytest.raises(ConfigError, match="limit of slope"):
+        validated(RoverLimits, {"slope_product": "aster-30"}, "the options")
+    with pytest.raises(ConfigError, match="aster-30"):
+        validated(RoverLimits, {"max_pitch_deg": 20.0, "slope_product": "aster"}, "the options")

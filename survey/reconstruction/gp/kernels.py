@@ -179,8 +179,6 @@ class Stationary(Kernel):
     error_growth: ClassVar[float | None] = None
     """Exponent with which the squared error between two swaths grows with their distance, 2 ν + 1 for a smoothness ν;
     None for families that the planner's predictions and the kernel search leave out."""
-    most_averaged: ClassVar[int] = 2
-    """Most samples along a swath that a prediction replaces by their mean."""
 
     variance_m2: float
     length_scale_m: float
@@ -420,7 +418,6 @@ class SquaredExponential(Stationary):
 
     family: ClassVar = "squared-exponential"
     error_growth: ClassVar = 8.0
-    most_averaged: ClassVar = 6
 
     def _correlation(self, s2: FloatArray) -> FloatArray:
         correlation: FloatArray = np.exp(-0.5 * s2)
@@ -471,7 +468,6 @@ class Matern32(_Matern):
 
     family: ClassVar = "matern-3/2"
     error_growth: ClassVar = 4.0
-    most_averaged: ClassVar = 2
 
     @property
     def smoothness(self) -> float:
@@ -500,7 +496,6 @@ class Matern52(_Matern):
 
     family: ClassVar = "matern-5/2"
     error_growth: ClassVar = 6.0
-    most_averaged: ClassVar = 4
 
     @property
     def smoothness(self) -> float:
@@ -531,7 +526,6 @@ class Whittle(_Matern):
 
     family: ClassVar = "whittle"
     error_growth: ClassVar = 3.0
-    most_averaged: ClassVar = 2
 
     @property
     def smoothness(self) -> float:

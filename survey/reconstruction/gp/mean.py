@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError
 
 from survey.core import BoolArray, FloatArray, InputError
@@ -177,12 +176,14 @@ class DemMean(Mean):
         return heights
 
 
-def _triangles(dem: Dem) -> LinearNDInterpolator:
+def _triangles(dem: Dem) -> Any:
     known = np.isfinite(dem.elevation).ravel()
     try:
         mesh = Delaunay(dem.xy[known])
     except QhullError as error:
         raise InputError("the prior's valid cells lie on one line; give a prior of an area.") from error
+    from scipy.interpolate import LinearNDInterpolator
+
     return LinearNDInterpolator(mesh, dem.elevation.ravel()[known])
 
 

@@ -17,13 +17,13 @@ from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.checks import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.engine_choice import DividedSiteError, EngineName
 from survey.reconstruction.gp.mean import Mean, estimated_prior
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod, ScanSettings
 from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.terrain_map import BEYOND, CLAIM, ELEVATION, Reconstruction
 
 if TYPE_CHECKING:
+    from survey.reconstruction.gp.engine_choice import EngineName
     from survey.reconstruction.gp.fit import Learned
 
 
@@ -34,7 +34,8 @@ def check_length_scale(settings: ScanSettings) -> None:
         require_length_scale(config.stated_length_m, settings.step_m)
 
 
-def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
+def _run(task: MappingTask, *, engine: "EngineName") -> MappedTerrain:
+    from survey.reconstruction.gp.engine_choice import DividedSiteError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
     config, errors, facts = task.config(GaussianProcessConfig), _prior_errors(task), {}

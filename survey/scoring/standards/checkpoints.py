@@ -14,7 +14,6 @@ from typing import Any, Self
 import numpy as np
 import shapely
 from pyproj import CRS
-from scipy.spatial import cKDTree
 
 from survey.core import (
     UNSTATED,
@@ -193,7 +192,7 @@ class Checkpoints:
         control = np.asarray(control_xy, dtype=np.float64).reshape(-1, 2)
         if len(control) == 0:
             return
-        near = np.asarray(cKDTree(control).query(self.xy)[0]) <= tolerance_m
+        near = np.asarray(_tree(control).query(self.xy)[0]) <= tolerance_m
         if near.any():
             used = [self.names[k] for k in np.flatnonzero(near)]
             raise InputError(
@@ -218,7 +217,7 @@ class Checkpoints:
         object.__setattr__(self, "sigma_xy_m", _positive(self.sigma_xy_m, n, "sigma_xy", "placed"))
 
     def _refuse_repeats(self) -> None:
-        pairs = cKDTree(self.xy).query_pairs(1e-6)
+        pairs = _tree(self.xy).query_pairs(1e-6)
         if pairs:
             i, j = min(pairs)
             raise InputError(
@@ -389,6 +388,14 @@ def _grid_slope_deg(slope_deg: float, factor: float) -> float:
     )
 
 
+def _tree(places: FloatArray) -> Any:
+    """Return a tree of places (N, 2)."""
+    # A tenth of a second: a table that cannot be read is refused without it.
+    from scipy.spatial import cKDTree
+
+    return cKDTree(places)
+
+
 def _quarter(places: FloatArray, area: SurveyArea) -> Any:
     """South-west 0, south-east 1, north-west 2, north-east 3."""
     xmin, ymin, xmax, ymax = area.bounds
@@ -400,7 +407,7 @@ def _drawn(
 ) -> Any:
     """Draw places one by one, each far from those before; first the least number in every quarter."""
     free: BoolArray = np.ones(len(places), dtype=bool)
-    tree = cKDTree(places)
+    tree = _tree(places)
     chosen: list[int] = []
 
     def take(mask: BoolArray) -> bool:

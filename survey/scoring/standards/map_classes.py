@@ -7,12 +7,12 @@ certificate is as good as the map's standard deviation.
 """
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from survey.core.errors import ConfigError, InputError
 from survey.core.lengths import FOOT_M
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.checks import CONFIDENCE, RmseClaim, RmsePosterior
-from survey.reconstruction.motion.epoch import AGE, MapAge
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.standards.standards import (
     CONTOURS,
@@ -22,6 +22,9 @@ from survey.scoring.standards.standards import (
     PAPER,
     SPOT_HEIGHTS,
 )
+
+if TYPE_CHECKING:
+    from survey.reconstruction.motion.epoch import MapAge
 
 # Tables I, II and III of the glacier paper: contour interval [m] and RMSE limit [m] by class.
 _PAPER_TABLES: dict[int, tuple[tuple[float, float], ...]] = {
@@ -268,13 +271,16 @@ def stated_age(reconstruction: Reconstruction) -> str | None:
 
     Returns: None for a map of ground at rest.
     """
+    from survey.reconstruction.motion.epoch import AGE, MapAge
+
     facts = reconstruction.diagnostics.get(AGE)
     return None if facts is None else age_sentence(MapAge.from_facts(dict(facts)))
 
 
-def age_sentence(age: MapAge) -> str:
+def age_sentence(age: "MapAge") -> str:
     """Return the motion of the ice and for how long the map of its epoch keeps its class.
 
+    >>> from survey.reconstruction.motion.epoch import MapAge
     >>> print(*age_sentence(MapAge(3600.0, 2.0, 0.1, 0.05, 0.02, 0.3, 0.4)).split())
     the ice moves by 2.00 ± 0.10 m a day and lowers by 0.050 ± 0.020 m a day; the map is that of 1.0 h, and left as it is, it meets Class 2 (limit 0.305 m) until 3.3 h after.
     """

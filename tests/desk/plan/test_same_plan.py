@@ -46,7 +46,12 @@ def test_the_same_bytes_by_desk_command_and_library(name, dem_file, tmp_path, mo
     assert result.exit_code == 0, result.output
     assert Path("desk.geojson").read_bytes() == Path("command.geojson").read_bytes()
     made = planners.plan(
-        live.area, live.prior, _config(document), rover=live.rover, fleet=_fleet(document), kernel=live.kernel
+        live.area,
+        live.prior,
+        _config(document),
+        rover=live.rover,
+        fleet=_fleet(document),
+        model=planners.prior_model(live.prior, live.area),
     )
     made.write("library.geojson")
     assert Path("library.geojson").read_bytes() == Path("command.geojson").read_bytes()

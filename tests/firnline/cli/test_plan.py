@@ -52,6 +52,18 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
     assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
+def test_slopes_are_read_at_the_noise_of_the_product_and_the_plan_says_so(caplog: pytest.LogCaptureFixture):
+    grid = Grid((525_810.0, 6_477_810.0, 526_390.0, 6_478_390.0), 20.0, CRS)
+    noise = 4.0 * np.random.default_rng(5).standard_normal(grid.shape)
+    Dem.on(grid, 0.05 * (grid.y[:, None] - 6_478_000.0) + noise).write("noisy.tif")
+    steep = ("site.gpkg", "--prior", "noisy.tif", "--swaths", "3", "--max-slope", "10", "--json")
+    out, _ = planned(*steep, "--product", "aster-30")
+    content = json.loads(out)
+    assert content["left_out_share"] == 0.0
+    assert "by planes of ± 40 m about each cell" in content["notes"][0]
+    assert "aster-30 tilt the ground by" in content["notes"][0]
+
+
 def test_gaps_that_were_closed_stand_in_the_record_of_the_plan(caplog: pytest.LogCaptureFixture):
     west, east = (shapely.affinity.translate(shapely.box(0, 0, 99.99, 200), x, 0) for x in (0.0, 100.0))
     both = shapely.affinity.translate(shapely.MultiPolygon([west, east]), *SITE.bounds[:2])
@@ -180,6 +192,8 @@ def test_an_outline_that_stays_of_too_many_corners_is_refused_with_the_remedy():
         (("--swaths", "3", "--set", "rover.max_pich_deg=20.0"), 4, "did you mean max_pitch_deg?"),
         (("--swaths", "3", "--max-slope", "20"), 3, "need heights; give a prior DEM"),
         (("--swaths", "3", "--max-slope", "95"), 4, "max_pitch_deg"),
+        (("--swaths", "3", "--product", "aster-30"), 4, "goes with a limit of slope"),
+        (("--swaths", "3", "--max-slope", "20", "--product", "aster"), 4, "copernicus-30, srtm-90, aster-30"),
         (("--pattern", "wavy", "--swaths", "3"), 3, "give a prior DEM"),
         (
             ("--swaths", "3", "--set", "fleet.end_m=[1.0, 2.0]"),

@@ -13,7 +13,7 @@ from firnline.cli.main import app
 from survey import Dem, Grid, InputError
 from survey.io.point_files import read_point_table
 from survey.io.vector import write_features
-from survey.scoring.change import volume_change
+from survey.scoring.differencing import volume_change
 
 UTM = "EPSG:32608"
 

@@ -14,8 +14,8 @@ from survey.data.area import SurveyArea
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import method_choice
-from survey.reconstruction.method_choice import CHOICE, compare_methods
-from survey.reconstruction.terrain_map import Reconstruction
+from survey.reconstruction.method_choice import compare_methods
+from survey.reconstruction.terrain_map import METHOD_CHOICE, Reconstruction
 
 N, SIDE_M, SIGMA_M = 4000, 300, 0.01
 GRID = Grid((0.0, 0.0, 296.0, 296.0), 4.0)
@@ -90,7 +90,10 @@ def test_the_command_takes_triangles_with_the_relief_between_points(tmp_path: Pa
     assert "nodes by tin" in result.output
     assert "m; --method gp maps by the Gaussian process" in result.output
     found = Reconstruction.read(made)
-    assert json.loads((made / "reconstruction.json").read_text())["diagnostics"][CHOICE]["method"] == "tin"
+    assert (
+        json.loads((made / "reconstruction.json").read_text())["diagnostics"][METHOD_CHOICE]["method"]
+        == "tin"
+    )
     column, row = np.round(found.mean.xy).astype(int).T
     inside = (column < SIDE_M) & (row < SIDE_M)
     error = found.mean.elevation.ravel()[inside] - heights[row[inside], column[inside]]

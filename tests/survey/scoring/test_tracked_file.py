@@ -7,7 +7,7 @@ import pytest
 
 from survey import InputError
 from survey.core.crs import projected_crs
-from survey.scoring.change.tracking import TrackedMotion, read_tracked, write_tracked
+from survey.scoring.differencing.tracking import TrackedMotion, read_tracked, write_tracked
 
 CRS = projected_crs("EPSG:32608", "the test")
 XY = 500000.0 + 10.0 * np.arange(24.0).reshape(12, 2)

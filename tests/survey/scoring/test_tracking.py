@@ -3,7 +3,7 @@ import pytest
 from affine import Affine
 
 from survey import Dem, InputError
-from survey.scoring.change.tracking import hillshade, normalized_correlation, track
+from survey.scoring.differencing.tracking import hillshade, normalized_correlation, track
 
 CRS, N = "EPSG:32608", 90
 

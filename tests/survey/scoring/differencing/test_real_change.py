@@ -9,8 +9,8 @@ import shapely
 
 from survey import Dem
 from survey.scoring import change
-from survey.scoring.change.displacements import TrackedField
-from survey.scoring.change.tracking import track
+from survey.scoring.differencing.displacements import TrackedField
+from survey.scoring.differencing.tracking import track
 
 WINDOW = (562400.0, 5115500.0, 563500.0, 5117000.0)
 DATES = ("20041004", "20050201", "20050714", "20060209", "20070705")

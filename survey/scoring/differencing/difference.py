@@ -8,6 +8,7 @@ integrate the difference over outlines.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -17,13 +18,12 @@ from survey.core import BoolArray, FloatArray, InputError, check_types, same_crs
 from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
-from survey.scoring.change.along_flow import Thickness, change_along_flow
-from survey.scoring.change.coregistration import Shift, coregister
-from survey.scoring.change.displacements import DisplacementField
-from survey.scoring.change.variogram import LARGEST_CELLS, Variogram
-from survey.scoring.change.volume_change import (
+from survey.scoring.differencing.along_flow import Thickness, change_along_flow
+from survey.scoring.differencing.coregistration import Shift, coregister
+from survey.scoring.differencing.displacements import DisplacementField
+from survey.scoring.differencing.variogram import LARGEST_CELLS, Variogram
+from survey.scoring.differencing.volume_change import (
     BLUNDER,
     SIGNIFICANT,
     Change,
@@ -39,6 +39,9 @@ from survey.scoring.change.volume_change import (
     scale_notes,
     significance,
 )
+
+if TYPE_CHECKING:
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 
 ElevationSurface = Dem | Reconstruction
 # Independent surveys agree to the last digit on few cells only.
@@ -75,7 +78,7 @@ def change(
     level : bool
         Subtract the mean difference of the unchanged ground; its own error is counted.
     flow : DisplacementField, optional
-        Displacement of the ice between the surveys, of a type in `survey.scoring.change.displacements`: adds the change along
+        Displacement of the ice between the surveys, of a type in `survey.scoring.differencing.displacements`: adds the change along
         the flow and the divergence of the flux.
     thickness : Thickness, optional
         Of the ice, for that divergence; from the slope of the surface, within a factor of two, where left out.
@@ -231,8 +234,8 @@ def _error_notes(n_blunders: int, *, is_levelled: bool) -> tuple[str, ...]:
 
 
 def change_of_models(
-    later: GaussianProcessTerrain,
-    earlier: GaussianProcessTerrain,
+    later: "GaussianProcessTerrain",
+    earlier: "GaussianProcessTerrain",
     outlines: Mapping[str, Polygon | MultiPolygon],
     grid: Grid,
 ) -> Change:
@@ -262,8 +265,8 @@ def change_of_models(
 
 
 def _volume(
-    later: GaussianProcessTerrain,
-    earlier: GaussianProcessTerrain,
+    later: "GaussianProcessTerrain",
+    earlier: "GaussianProcessTerrain",
     name: str,
     polygon: Polygon | MultiPolygon,
     grid: Grid,

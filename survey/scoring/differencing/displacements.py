@@ -2,16 +2,17 @@
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 
 from survey.core import DataObject, FloatArray, InputError
 from survey.data.ice_motion import DAY_S, IceMotion
-from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
-from survey.reconstruction.gp.kernels import Matern32
 from survey.reconstruction.motion.priors import VelocityRasters
-from survey.scoring.change.tracking import TrackedMotion
+
+if TYPE_CHECKING:
+    from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+    from survey.scoring.differencing.tracking import TrackedMotion
 
 # Windows of a tracked field that are used; more of them are thinned evenly.
 _MOST_WINDOWS = 900
@@ -104,11 +105,11 @@ class TrackedField(DataObject):
     `east`, `north`: of the displacements [m].
     """
 
-    east: DenseGaussianProcess
-    north: DenseGaussianProcess
+    east: "DenseGaussianProcess"
+    north: "DenseGaussianProcess"
 
     @classmethod
-    def of(cls, tracked: TrackedMotion) -> Self:
+    def of(cls, tracked: "TrackedMotion") -> Self:
         """Fit a smooth field to the displacements that are not flagged."""
         good = np.flatnonzero(~tracked.is_outlier)
         if len(good) < _LEAST_WINDOWS:
@@ -138,14 +139,17 @@ class TrackedField(DataObject):
         return np.stack([process.joint_covariance(xy) for process in (self.east, self.north)])
 
 
-def _windows_at_a_place(tracked: TrackedMotion, used: FloatArray) -> float:
+def _windows_at_a_place(tracked: "TrackedMotion", used: FloatArray) -> float:
     """Return how many of the used windows cover a place, on the average; at least 1."""
     extent = np.ptp(tracked.xy[used], axis=0) + tracked.window_m
     return float(max(len(used) * tracked.window_m**2 / max(np.prod(extent), 1e-9), 1.0))
 
 
-def _fitted(xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> DenseGaussianProcess:
+def _fitted(xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> "DenseGaussianProcess":
     """Return the process of the largest marginal likelihood among length scales and excess errors."""
+    from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+    from survey.reconstruction.gp.kernels import Matern32
+
     spread = max(float(np.std(values)), float(np.median(sigma_m)), 1e-6)
     extent = max(float(np.ptp(xy, axis=0).max()), 1e-6)
     fits = [

@@ -8,9 +8,9 @@ import shapely
 
 from survey import Dem, Grid, Reconstruction
 from survey.io.raster import write_raster
-from survey.scoring.change import volume_change
-from survey.scoring.change.difference import change
-from survey.scoring.change.volume_change import average_survey, averaged_step_m
+from survey.scoring.differencing import volume_change
+from survey.scoring.differencing.difference import change
+from survey.scoring.differencing.volume_change import average_survey, averaged_step_m
 
 GRID = Grid((500_001.0, 6_500_001.0, 500_399.0, 6_500_399.0), 2.0, "EPSG:32608")
 ICE = shapely.Point(500_200.0, 6_500_200.0).buffer(90.0)

@@ -14,9 +14,9 @@ from survey import Dem, Grid, InputError, Reconstruction
 from survey.core.map_scale import ground_area_m2
 from survey.io.vector import write_features
 from survey.scoring import change
-from survey.scoring.change.coregistration import coregister
-from survey.scoring.change.variogram import Structure, Variogram, error_of_sum
-from survey.scoring.change.volume_change import VolumeChange
+from survey.scoring.differencing.coregistration import coregister
+from survey.scoring.differencing.variogram import Structure, Variogram, error_of_sum
+from survey.scoring.differencing.volume_change import VolumeChange
 
 UTM = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 590.0, 590.0), 10.0, UTM)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from survey.scoring.change.variogram import SHAPES, Structure, Variogram, error_of_sum, fit_variogram
+from survey.scoring.differencing.variogram import SHAPES, Structure, Variogram, error_of_sum, fit_variogram
 
 LAGS = np.geomspace(5.0, 500.0, 30)
 

@@ -49,8 +49,8 @@ from survey.io.raster import band_count, raster_header, write_raster
 from survey.io.raster.large import read_averaged
 from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.scoring.accuracy import NMAD_FACTOR
-from survey.scoring.change.coregistration import Shift
-from survey.scoring.change.variogram import LARGEST_CELLS, Variogram, error_of_sum
+from survey.scoring.differencing.coregistration import Shift
+from survey.scoring.differencing.variogram import LARGEST_CELLS, Variogram, error_of_sum
 
 SIGNIFICANT = 1.959964
 """A change beyond this many standard deviations is called significant."""

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from survey import Grid, InputError
-from survey.scoring.change.volume_change import ComparedGround, remove_blunders
+from survey.scoring.differencing.volume_change import ComparedGround, remove_blunders
 
 GRID = Grid((0.0, 0.0, 190.0, 190.0), 10.0, "EPSG:32608")
 

@@ -8,9 +8,9 @@ from survey import Dem, Grid, InputError
 from survey.data.ice_motion import IceMotion
 from survey.reconstruction.motion.priors import uniform_motion
 from survey.scoring import change
-from survey.scoring.change.along_flow import Thickness
-from survey.scoring.change.displacements import SteadyField, TrackedField
-from survey.scoring.change.tracking import track
+from survey.scoring.differencing.along_flow import Thickness
+from survey.scoring.differencing.displacements import SteadyField, TrackedField
+from survey.scoring.differencing.tracking import track
 
 GRID = Grid((0.0, 0.0, 600.0, 600.0), 6.0, "EPSG:32608")
 ICE = shapely.box(100.0, 100.0, 400.0, 500.0)

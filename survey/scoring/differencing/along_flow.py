@@ -20,8 +20,14 @@ from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.motion.priors import plastic_thickness_m
-from survey.scoring.change.displacements import DisplacementField
-from survey.scoring.change.volume_change import AlongFlow, Change, ComparedGround, FlowBalance, VolumeChange
+from survey.scoring.differencing.displacements import DisplacementField
+from survey.scoring.differencing.volume_change import (
+    AlongFlow,
+    Change,
+    ComparedGround,
+    FlowBalance,
+    VolumeChange,
+)
 
 # Nodes on which the displacement and its covariance are evaluated, about.
 _MOST_NODES = 900

@@ -1,0 +1,70 @@
+"""Each command imports what it uses: the packages that it must not load, and how many modules it may."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from survey import Dem, Grid, SurveyArea
+
+CRS = "EPSG:32608"
+# The modules of a run are printed last; a command ends by an exception.
+PROGRAM = """
+import json, sys
+from firnline.__main__ import main
+sys.argv = ["firnline", *sys.argv[1:]]
+try:
+    main()
+except SystemExit as ending:
+    code = ending.code
+print(json.dumps([code, sorted(sys.modules)]))
+"""
+FRAMES = {"pandas", "geopandas"}
+DRAWING = {"matplotlib", "PIL"}
+COMPILED = {"numba", "gtsam", "cv2", "mujoco", "pybullet", "skimage", "sklearn"}
+ENGINES = {"finufft", "scipy.optimize", "scipy.interpolate", "scipy.signal"}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two maps, checkpoints and an outline."""
+    folder = tmp_path_factory.mktemp("imports")
+    grid = Grid.over((500_000.0, 6_700_000.0, 500_200.0, 6_700_200.0), 4.0, CRS)
+    height = 900.0 + 5.0 * np.sin(grid.xy[:, 0] / 30.0).reshape(grid.shape)
+    for name, change_m in (("earlier", 0.0), ("later", 0.25)):
+        Dem.on(grid, height + change_m).write(folder / f"{name}.tif")
+    places = grid.xy[:: len(grid.xy) // 40]
+    rows = [f"P{k},{x},{y},900.0,0.02" for k, (x, y) in enumerate(places)]
+    (folder / "points.csv").write_text("\n".join(["name,x,y,z,sigma_z", *rows, ""]))
+    SurveyArea.rectangle((500_050.0, 6_700_050.0, 500_120.0, 6_700_120.0), CRS).write(folder / "area.geojson")
+    return folder
+
+
+CASES = {
+    "score": ("score later.tif --checkpoints points.csv", 0, 950, FRAMES | DRAWING | COMPILED | ENGINES | {"pyogrio"}),
+    "score by a raster": ("score later.tif --truth earlier.tif", 0, 850, FRAMES | DRAWING | COMPILED | ENGINES),
+    "change": ("change later.tif earlier.tif --outline area.geojson -o change", 0, 1350, FRAMES | COMPILED | {"finufft"}),
+    "plan": ("plan area.geojson --swaths 4 -o plan.geojson", 0, 1650, FRAMES | COMPILED - {"numba"} | {"finufft"}),
+    "no checkpoints": ("score later.tif --checkpoints none.csv", 3, 690, FRAMES | DRAWING | COMPILED | ENGINES | {"scipy"}),
+    "no area": ("plan none.gpkg --swaths 4", 3, 690, FRAMES | DRAWING | COMPILED | ENGINES | {"scipy", "rasterio"}),
+    "no points": ("reconstruct none.csv --crs EPSG:32608", 3, 1080, FRAMES | DRAWING | COMPILED | ENGINES | {"pyogrio"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_command_loads_what_it_uses(case: str, place: Path) -> None:
+    command, code, most, needless = CASES[case]
+    run = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *command.split()],
+        cwd=place,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    ended, modules = json.loads(run.stdout.splitlines()[-1])
+    assert (ended or 0) == code, run.stderr
+    assert not needless.intersection(modules)
+    assert len(modules) <= most
