@@ -3,8 +3,9 @@
 ``python -m benchmarks.gridders_on_real_ground [--quick] [--json FILE]``
 
 Windows and landscapes are those of `benchmarks.promise_on_real_ground`: settings are chosen on the development landscapes,
-whose rows have no bars; the judgement landscapes are others. Each window is surveyed along lines of three densities, one
-window of each landscape by landmarks and by ground points. Maps are judged on all nodes to the fence.
+whose rows have no bars; the judgement landscapes are others. Each window is surveyed along lines of three densities, at most
+six of each landscape; the middle one by landmarks, and that of two landscapes of each half by ground points. Maps are judged
+on all nodes to the fence.
 
 Other gridders are left out where they are not installed (``pip install firnline[peers]``; ``gdal_grid`` is a program of
 GDAL), and named. Needs the real data (FIRNLINE_DATA). Scores are stored as they are found; a run that was ended goes on
