@@ -2,11 +2,13 @@
 
 ``python -m benchmarks.stored check`` lists what is stale (``make results-check``); ``page`` does that, keeps the list in
 ``results/checked.json`` and writes ``results/README.md`` (``make results``); ``history`` gives tables that were stored without a
-provenance the commit that stored them and the digest of the code of that commit; ``remark NAME TEXT ...`` puts a remark, one
+provenance the commit that stored them and the digest of the code of that commit, and computes digests of runs of committed
+code again; ``remark NAME TEXT ...`` puts a remark, one
 text a sentence or two, on a table or a figure.
 """
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -128,6 +130,16 @@ class _Blobs:
             self._codes[commit] = Code(files, self._parts)
         return self._codes[commit]
 
+    def function_of(self, one: Stored, commit: str) -> str:
+        """Return ``module:function`` of a table or a study at a commit; studies had other modules."""
+        paths = (git("ls-tree", "-r", "--name-only", commit, "--", "papers", "sim") or "").splitlines()
+        for path in paths if one.is_study else ():
+            if re.search(r"studies(/__init__)?\.py$", path):
+                found = re.search(rf'"{one.name}": "([\w.]+:\w+)"', self.text(f"{commit}:{path}"))
+                if found:
+                    return found[1]
+        return one.of
+
     def _parts(self, blob: str, with_programs: bool) -> ModuleParts:
         key = (blob, with_programs)
         if key not in self._parsed:
@@ -167,8 +179,8 @@ def _first_with_outcome(one: Stored, blobs: _Blobs) -> _Stored | None:
         if one.is_study:
             return _Stored(commit, date)
         text = blobs.text(f"{commit}:{place}")
-        then = json.loads(text) if text else {}
-        if {k: v for k, v in then.items() if k not in _ABOUT_THE_RUN} != one.outcome:
+        then = json.loads(text) if text else None
+        if not isinstance(then, dict) or {k: v for k, v in then.items() if k not in _ABOUT_THE_RUN} != one.outcome:
             break
         found = _Stored(commit, date)
     return found
@@ -178,14 +190,20 @@ def fill_from_history() -> Iterator[str]:
     """Give what was stored without provenance its commit and the digest of the code of that commit; yield what was found."""
     blobs = _Blobs()
     for one in every_stored():
-        if one.provenance:
+        old = one.provenance
+        if old:
+            code = blobs.code(str(old["commit"])).digest(old["of"]) if old["has_changes"] is False else old["code"]
+            if code != old["code"]:
+                one.restored({KEY: {**old, "code": code}})
+                yield f"{one.name}: {old['commit']}, code {code}, as digests are computed now"
             continue
         stored = _first_with_outcome(one, blobs)
         if stored is None:
             yield f"{one.name}: is not committed as it stands; commit it first"
             continue
-        code = blobs.code(stored.commit).digest(one.of)
-        facts = {"source": FROM_HISTORY, "of": one.of, "commit": stored.commit[:12], "has_changes": None, "code": code}
+        function = blobs.function_of(one, stored.commit)
+        code = blobs.code(stored.commit).digest(function)
+        facts = {"source": FROM_HISTORY, "of": function, "commit": stored.commit[:12], "has_changes": None, "code": code}
         facts |= {"machine": one.content.get("machine", {}).get("cpu"), "cpu_s": None, "date": stored.date, "quick": None}
         one.restored({KEY: facts})
         yield f"{one.name}: {stored.commit[:12]} of {stored.date}, code {code or 'unknown'}"

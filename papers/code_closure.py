@@ -155,9 +155,9 @@ def _last_name(node: ast.expr) -> str:
 
 
 def _texts(value: object) -> Iterator[str]:
-    """Yield a statement's nodes without docstrings, and without what versions of Python write in different ways."""
+    """Yield a statement's nodes without docstrings and imports, and without what versions of Python write in different ways."""
     if isinstance(value, ast.AST):
-        if not _is_bare_text(value):
+        if not _is_bare_text(value) and not isinstance(value, ast.Import | ast.ImportFrom):
             yield f"({type(value).__name__}"
             for name, child in ast.iter_fields(value):
                 if name not in ("ctx", "kind", "type_comment") and child not in (None, []):
@@ -214,12 +214,17 @@ class Code:
         module, _, name = start.partition(":")
         if module not in self._files or name not in self._module(module).parts:
             return None
-        total = hashlib.sha256()
-        for place in sorted(self.reached((module, name))):
-            total.update(":".join(place).encode())
-            for digest in self._module(place[0]).parts[place[1]].digests:
-                total.update(digest)
-        return total.hexdigest()[:16]
+        texts = sorted(text for place in self.reached((module, name)) for text in self._digested(*place))
+        return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
+
+    def _digested(self, module: str, name: str) -> Iterator[bytes]:
+        """Yield the name of a part, what it holds, and what its names mean in other projects; not where it lies in this one."""
+        found = self._module(module)
+        part = found.parts[name]
+        heads = {dotted.partition(".")[0] for dotted in part.names} & found.imports.keys()
+        bound = sorted((head, place) for head in heads for place in found.imports[head])
+        foreign = [f"{head}={place}" for head, place in bound if place[0].partition(".")[0] not in PACKAGES]
+        yield " ".join([name, *foreign]).encode() + b"".join(part.digests)
 
     def reached(self, start: Place) -> set[Place]:
         """Return the definitions that one of them reaches, itself included."""
