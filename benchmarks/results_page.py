@@ -42,22 +42,27 @@ def pages() -> dict[Path, str]:
         parts += [f"## {paper['title']}", paper["about"].strip(), _claims(paper["claim"], stored, checked["states"])]
     parts += ["## Known misses", text["misses"].strip(), _missed_bars(stored.values())]
     parts += ["## Every stored table", text["tables"].strip(), _tables(stored.values(), checked["states"])]
+    parts += ["## Older than today's code", text["stale"].strip(), _stale(checked)]
     return {PAGE: filled("\n\n".join(parts)) + "\n", REMARKS: _remarks(stored.values(), checked["states"])}
 
 
 def _freshness(checked: Mapping[str, Any], stored: Mapping[str, Stored]) -> str:
-    """Return how many tables and figures are of today's code, and which are not."""
+    """Return how many tables and figures are of the code that was checked."""
+    n = {kind: sum(one.is_study == kind for one in stored.values()) for kind in (False, True)}
+    fresh = [stored[name].is_study for name, state in checked["states"].items() if state == FRESH and name in stored]
+    return (
+        f"{fresh.count(False)} of {n[False]} stored tables and {fresh.count(True)} of {n[True]} figures and tables of the papers "
+        f"are of the code of {checked['date']} ({checked['commit']}); the others are named [below](#older-than-todays-code)."
+    )
+
+
+def _stale(checked: Mapping[str, Any]) -> str:
+    """Return what is not of the code that was checked, by the reason."""
     groups: dict[str, list[str]] = {}
     for name, state in checked["states"].items():
-        groups.setdefault(state, []).append(name)
-    n = {kind: sum(one.is_study == kind for one in stored.values()) for kind in (False, True)}
-    fresh = {kind: sum(stored[name].is_study == kind for name in groups.get(FRESH, ()) if name in stored) for kind in n}
-    said = (
-        f"Of the code of {checked['date']} ({checked['commit']}) are {fresh[False]} of {n[False]} stored tables and "
-        f"{fresh[True]} of {n[True]} figures and tables of the papers, by a digest of all code that they depend on."
-    )
-    rest = [f"{state[0].upper()}{state[1:]}: {', '.join(names)}." for state, names in groups.items() if state != FRESH]
-    return "\n".join([said, *rest])
+        groups.setdefault(state, []).append(f"`{name}`")
+    groups.pop(FRESH, None)
+    return "\n".join(f"- {state}: {', '.join(names)}." for state, names in groups.items()) or "Nothing."
 
 
 def _claims(claims: Iterable[Mapping[str, Any]], stored: Mapping[str, Stored], states: Mapping[str, str]) -> str:

@@ -105,18 +105,24 @@ class ModuleParts:
 
 
 def _defined(node: ast.stmt) -> list[str]:
-    """Return the names that a statement of a module defines, an empty one for a statement that defines none."""
+    """Return the names that a statement of a module defines, an empty one where it defines none or sets how the module works."""
     if _is_bare_text(node) or isinstance(node, ast.Import | ast.ImportFrom):
         return []
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-        return [node.name]
+        return ["" if node.name.startswith("__") else node.name]
     if isinstance(node, ast.Assign):
         targets = [name for target in node.targets for name in ast.walk(target)]
-        return [name.id for name in targets if isinstance(name, ast.Name)] or [""]
+        names = [name.id for name in targets if isinstance(name, ast.Name) and name.id != "__all__"]
+        return ["" if name.startswith("__") else name for name in names] or ([] if _sets_all(node) else [""])
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
         return [node.target.id]
     asks = {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)} if isinstance(node, ast.If) else set()
     return [] if asks & {"__name__", "TYPE_CHECKING"} else [""]
+
+
+def _sets_all(node: ast.Assign) -> bool:
+    """Return whether a statement lists the public names of a module."""
+    return any(isinstance(target, ast.Name) and target.id == "__all__" for target in node.targets)
 
 
 def _is_bare_text(node: ast.AST) -> bool:
@@ -209,11 +215,16 @@ class Code:
 
         return cls({path: path for path in paths}, read)
 
+    def has(self, start: str) -> bool:
+        """Return whether ``module:function`` is there."""
+        module, _, name = start.partition(":")
+        return module in self._files and name in self._module(module).parts
+
     def digest(self, start: str) -> str | None:
         """Return the digest of what ``module:function`` reaches, 16 hexadecimal digits; none where the code does not have it."""
-        module, _, name = start.partition(":")
-        if module not in self._files or name not in self._module(module).parts:
+        if not self.has(start):
             return None
+        module, _, name = start.partition(":")
         texts = sorted(text for place in self.reached((module, name)) for text in self._digested(*place))
         return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
 

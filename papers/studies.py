@@ -113,6 +113,13 @@ LONG: dict[str, str] = {
 """Studies that take more than half an hour, and why."""
 
 
+def listed(name: str) -> str:
+    """Return a study's name, what it makes, and the CPU time that it takes in full depth."""
+    minutes = ABOUT[name].cpu_min
+    time = f"{60.0 * minutes:.0f} s" if minutes < 1.5 else f"{minutes:.0f} min" if minutes < 100.0 else f"{minutes / 60.0:.1f} h"
+    return f"{name:<24}{ABOUT[name].title}, {time} of CPU"
+
+
 def study(name: str) -> Study:
     """Return the function of a study."""
     if name not in STUDIES:
