@@ -6,7 +6,6 @@ to ``results/benchmarks/map_scale.json``.
 """
 
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np

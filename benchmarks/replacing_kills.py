@@ -9,7 +9,6 @@ that a run lists has to hold the files that it listed. A command that ends befor
 
 import argparse
 import hashlib
-import json
 import random
 import tempfile
 import time

@@ -83,7 +83,9 @@ def main(
 ) -> None:
     """Run one benchmark from the command line; only the table of a complete run is stored in the results."""
     parser = argparse.ArgumentParser(description=title)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the rows and their provenance to a file")
+    parser.add_argument(
+        "--json", metavar="FILE", type=Path, help="write the rows and their provenance to a file"
+    )
     parser.add_argument("--quick", action="store_true", help="smaller sizes, same bars, under 50 s")
     chosen = parser.parse_args(arguments)
     file = TABLES / f"{title.lower().replace(' ', '_').replace('-', '_')}.json"

@@ -39,7 +39,11 @@ def pages() -> dict[Path, str]:
     text = tomllib.loads((RESULTS / "claims.toml").read_text(encoding="utf-8"))
     parts = [text["head"].strip(), _freshness(checked, stored), text["pictures"].strip()]
     for paper in text["paper"]:
-        parts += [f"## {paper['title']}", paper["about"].strip(), _claims(paper["claim"], stored, checked["states"])]
+        parts += [
+            f"## {paper['title']}",
+            paper["about"].strip(),
+            _claims(paper["claim"], stored, checked["states"]),
+        ]
     parts += ["## Known misses", text["misses"].strip(), _missed_bars(stored.values())]
     parts += ["## Every stored table", text["tables"].strip(), _tables(stored.values(), checked["states"])]
     parts += ["## Older than today's code", text["stale"].strip(), _stale(checked)]
@@ -49,7 +53,11 @@ def pages() -> dict[Path, str]:
 def _freshness(checked: Mapping[str, Any], stored: Mapping[str, Stored]) -> str:
     """Return how many tables and figures are of the code that was checked."""
     n = {kind: sum(one.is_study == kind for one in stored.values()) for kind in (False, True)}
-    fresh = [stored[name].is_study for name, state in checked["states"].items() if state == FRESH and name in stored]
+    fresh = [
+        stored[name].is_study
+        for name, state in checked["states"].items()
+        if state == FRESH and name in stored
+    ]
     return (
         f"{fresh.count(False)} of {n[False]} stored tables and {fresh.count(True)} of {n[True]} figures and tables of the papers "
         f"are of the code of {checked['date']} ({checked['commit']}); the others are named [below](#older-than-todays-code)."
@@ -65,7 +73,9 @@ def _stale(checked: Mapping[str, Any]) -> str:
     return "\n".join(f"- {state}: {', '.join(names)}." for state, names in groups.items()) or "Nothing."
 
 
-def _claims(claims: Iterable[Mapping[str, Any]], stored: Mapping[str, Stored], states: Mapping[str, str]) -> str:
+def _claims(
+    claims: Iterable[Mapping[str, Any]], stored: Mapping[str, Stored], states: Mapping[str, str]
+) -> str:
     """Return the table of a paper's claims."""
     rows = []
     for claim in claims:
@@ -108,8 +118,12 @@ def _missed_bars(stored: Iterable[Stored]) -> str:
         if held.count(False):
             missed.append((one.name, held.count(False), len(held)))
     n = sum(count for _, count, _ in missed)
-    listed = ", ".join(f"`{name}` {count} of {of}" for name, count, of in sorted(missed, key=lambda each: -each[1]))
-    return f"{judged - n:,} of {judged:,} rows with a bar hold; {n} miss it, in {len(missed)} tables: {listed}."
+    listed = ", ".join(
+        f"`{name}` {count} of {of}" for name, count, of in sorted(missed, key=lambda each: -each[1])
+    )
+    return (
+        f"{judged - n:,} of {judged:,} rows with a bar hold; {n} miss it, in {len(missed)} tables: {listed}."
+    )
 
 
 def _tables(stored: Iterable[Stored], states: Mapping[str, str]) -> str:
@@ -119,13 +133,23 @@ def _tables(stored: Iterable[Stored], states: Mapping[str, str]) -> str:
         place = f"{one.name}/" if one.is_study else f"benchmarks/{one.file.name}"
         note = f" ({one.note})" if one.note else ""
         date = str(one.provenance.get("date", ""))[:10]
-        rows.append((one.what, f"{one.command}{note}", f"`{place}`", cpu_time(one), f"{commit_of(one, states.get(one.name, ''))}, {date}"))
+        rows.append(
+            (
+                one.what,
+                f"{one.command}{note}",
+                f"`{place}`",
+                cpu_time(one),
+                f"{commit_of(one, states.get(one.name, ''))}, {date}",
+            )
+        )
     return _table(("what", "command", "stored in", "CPU time", "commit"), rows)
 
 
 def _remarks(stored: Iterable[Stored], states: Mapping[str, str]) -> str:
     """Return the page of the remarks on stored runs."""
-    parts = ["# Remarks on stored runs\n\nMissed bars, how runs were made, and what is older than today's code. Written by `make results`."]
+    parts = [
+        "# Remarks on stored runs\n\nMissed bars, how runs were made, and what is older than today's code. Written by `make results`."
+    ]
     for one in stored:
         texts = one.content.get("remark", ())
         if texts:
@@ -160,7 +184,9 @@ def _looked_up(file: str, place: tuple[str, ...]) -> float:
     """Return a value of a stored table."""
     found = list(_values(RESULTS / file, place))
     if len(found) != 1:
-        raise SystemExit(f"results/claims.toml asks for {' | '.join(place)} of {file}: {len(found)} values, not one.")
+        raise SystemExit(
+            f"results/claims.toml asks for {' | '.join(place)} of {file}: {len(found)} values, not one."
+        )
     return found[0]
 
 

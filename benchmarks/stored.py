@@ -25,7 +25,12 @@ from survey.core.documents import RECORD, read_record, write_record
 
 RESULTS = TABLES.parent
 CHECKED = RESULTS / "checked.json"
-FRESH, CHANGED, IN_PARTS, UNKNOWN = "today's code", "code changed since", "parts of other code", "code unknown"
+FRESH, CHANGED, IN_PARTS, UNKNOWN = (
+    "today's code",
+    "code changed since",
+    "parts of other code",
+    "code unknown",
+)
 _ABOUT_THE_RUN = (KEY, "remark", "remark_of")
 
 
@@ -126,7 +131,9 @@ class _Blobs:
         """Return the code of a commit."""
         if commit not in self._codes:
             listed = (git("ls-tree", "-r", commit, "--", *PACKAGES) or "").splitlines()
-            files = {line.split("\t")[1]: line.split()[2] for line in listed if line.endswith((".py", ".pyi"))}
+            files = {
+                line.split("\t")[1]: line.split()[2] for line in listed if line.endswith((".py", ".pyi"))
+            }
             self._codes[commit] = Code(files, self._parts)
         return self._codes[commit]
 
@@ -180,7 +187,10 @@ def _first_with_outcome(one: Stored, blobs: _Blobs) -> _Stored | None:
             return _Stored(commit, date)
         text = blobs.text(f"{commit}:{place}")
         then = json.loads(text) if text else None
-        if not isinstance(then, dict) or {k: v for k, v in then.items() if k not in _ABOUT_THE_RUN} != one.outcome:
+        if (
+            not isinstance(then, dict)
+            or {k: v for k, v in then.items() if k not in _ABOUT_THE_RUN} != one.outcome
+        ):
             break
         found = _Stored(commit, date)
     return found
@@ -192,7 +202,11 @@ def fill_from_history() -> Iterator[str]:
     for one in every_stored():
         old = one.provenance
         if old:
-            code = blobs.code(str(old["commit"])).digest(old["of"]) if old["has_changes"] is False else old["code"]
+            code = (
+                blobs.code(str(old["commit"])).digest(old["of"])
+                if old["has_changes"] is False
+                else old["code"]
+            )
             if code != old["code"]:
                 one.restored({KEY: {**old, "code": code}})
                 yield f"{one.name}: {old['commit']}, code {code}, as digests are computed now"
@@ -203,8 +217,19 @@ def fill_from_history() -> Iterator[str]:
             continue
         function = blobs.function_of(one, stored.commit)
         code = blobs.code(stored.commit).digest(function)
-        facts = {"source": FROM_HISTORY, "of": function, "commit": stored.commit[:12], "has_changes": None, "code": code}
-        facts |= {"machine": one.content.get("machine", {}).get("cpu"), "cpu_s": None, "date": stored.date, "quick": None}
+        facts = {
+            "source": FROM_HISTORY,
+            "of": function,
+            "commit": stored.commit[:12],
+            "has_changes": None,
+            "code": code,
+        }
+        facts |= {
+            "machine": one.content.get("machine", {}).get("cpu"),
+            "cpu_s": None,
+            "date": stored.date,
+            "quick": None,
+        }
         one.restored({KEY: facts})
         yield f"{one.name}: {stored.commit[:12]} of {stored.date}, code {code or 'unknown'}"
 

@@ -38,19 +38,30 @@ class Run:
         """Begin a run, and say what it will take if that is more than 20 minutes of CPU."""
         took_s = expected_cpu_s(file)
         if took_s > _LONG_S and not quick:
-            print(f"This takes about {took_s / 60.0:.0f} minutes of CPU, as it did before.", file=sys.stderr, flush=True)
+            print(
+                f"This takes about {took_s / 60.0:.0f} minutes of CPU, as it did before.",
+                file=sys.stderr,
+                flush=True,
+            )
         run = cls(file, Began.now(CodeState.by_another_process(name_of(measure))), quick)
         _RUNS[:] = [run]
         return run
 
     def write(self, table: Mapping[str, Any], file: Path | None = None) -> None:
         """Write a table with its provenance, into the results unless another file is named; a remark on it is kept."""
-        digests, earlier_s = Counter(code for code, _ in self.parts.values()), sum(s for _, s in self.parts.values())
+        digests, earlier_s = (
+            Counter(code for code, _ in self.parts.values()),
+            sum(s for _, s in self.parts.values()),
+        )
         parts = {"parts": dict(digests), "earlier_cpu_s": round(earlier_s, 1)} if digests else {}
         target = file or self.file
         old = read_table(target) if target == self.file else {}
         is_same = all(old.get(key) == value for key, value in table.items() if key != "machine")
-        record = {**table, KEY: self.began.facts(quick=self.quick, **parts), **kept_remark(old, is_same=is_same)}
+        record = {
+            **table,
+            KEY: self.began.facts(quick=self.quick, **parts),
+            **kept_remark(old, is_same=is_same),
+        }
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 

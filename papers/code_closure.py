@@ -17,15 +17,45 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "live", "desk", "papers", "benchmarks", "tests")
+PACKAGES = (
+    "firnline",
+    "survey",
+    "planners",
+    "vision_slam",
+    "sim",
+    "live",
+    "desk",
+    "papers",
+    "benchmarks",
+    "tests",
+)
 _NAMED = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)+(?::\w+)?")
 _WITH_PROGRAMS = ("benchmarks/", "papers/", "tests/")
 """Folders whose strings may be programs or commands that name modules."""
 _STORING = ("benchmarks.writer", "benchmarks.stored_parts", "papers.provenance", "papers.code_closure")
 """Modules that store outcomes and count for nothing in them."""
 _COMMAND_LINES = ("firnline", "firnline.cli.main")
-_PLAIN_DECORATORS = {"property", "cached_property", "classmethod", "staticmethod", "cache", "abstractmethod", "override"}
-_PLAIN_BASES = {"NamedTuple", "Protocol", "ABC", "Enum", "StrEnum", "IntEnum", "Generic", "TypedDict", "BaseModel", "Exception"}
+_PLAIN_DECORATORS = {
+    "property",
+    "cached_property",
+    "classmethod",
+    "staticmethod",
+    "cache",
+    "abstractmethod",
+    "override",
+}
+_PLAIN_BASES = {
+    "NamedTuple",
+    "Protocol",
+    "ABC",
+    "Enum",
+    "StrEnum",
+    "IntEnum",
+    "Generic",
+    "TypedDict",
+    "BaseModel",
+    "Exception",
+}
 
 Place = tuple[str, str]
 """A module and one of its names; the name ``*`` is all of it, and an empty one its statements that define nothing."""
@@ -116,7 +146,11 @@ def _defined(node: ast.stmt) -> list[str]:
         return ["" if name.startswith("__") else name for name in names] or ([] if _sets_all(node) else [""])
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
         return [node.target.id]
-    asks = {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)} if isinstance(node, ast.If) else set()
+    asks = (
+        {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)}
+        if isinstance(node, ast.If)
+        else set()
+    )
     return [] if asks & {"__name__", "TYPE_CHECKING"} else [""]
 
 
@@ -127,7 +161,11 @@ def _sets_all(node: ast.Assign) -> bool:
 
 def _is_bare_text(node: ast.AST) -> bool:
     """Return whether a statement is a docstring."""
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 def _walked(node: ast.AST) -> Iterator[ast.AST]:
@@ -201,7 +239,9 @@ class Code:
         self._read = read
         self._files: dict[str, list[tuple[str, str]]] = defaultdict(list)
         for path, key in files.items():
-            self._files[path.rpartition(".")[0].replace("/", ".").removesuffix(".__init__")].append((path, key))
+            self._files[path.rpartition(".")[0].replace("/", ".").removesuffix(".__init__")].append(
+                (path, key)
+            )
         self._modules: dict[str, ModuleParts] = {}
 
     @classmethod

@@ -36,7 +36,9 @@ class CodeState:
         """Return the state of the code as it stands; no commit outside of a checkout."""
         commit = git("rev-parse", "--short=12", "HEAD")
         changes = git("status", "--porcelain", "--untracked-files=no", "--", *PACKAGES)
-        return cls(function, commit.strip() if commit else None, bool(changes), code_of_today().digest(function))
+        return cls(
+            function, commit.strip() if commit else None, bool(changes), code_of_today().digest(function)
+        )
 
     @classmethod
     def by_another_process(cls, function: str) -> "CodeState":
@@ -78,7 +80,9 @@ def kept_remark(old: Mapping[str, Any], *, is_same: bool) -> dict[str, Any]:
     """Return the remark of an old table or figure for a new one, with the commit it was written for if outcomes differ."""
     if not old.get("remark"):
         return {}
-    written_for = old.get("remark_of") or (None if is_same else old.get(KEY, {}).get("commit") or "an earlier run")
+    written_for = old.get("remark_of") or (
+        None if is_same else old.get(KEY, {}).get("commit") or "an earlier run"
+    )
     return {"remark": old["remark"]} | ({"remark_of": written_for} if written_for else {})
 
 
@@ -108,4 +112,4 @@ def git(*words: str) -> str | None:
 
 
 if __name__ == "__main__":
-    print(json.dumps(asdict(CodeState.of_today(sys.argv[1]))))
+    sys.stdout.write(json.dumps(asdict(CodeState.of_today(sys.argv[1]))) + "\n")

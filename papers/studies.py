@@ -45,6 +45,7 @@ STUDIES: dict[str, str] = {
     "emap-fig1": "papers.emap.figures:figure_1",
     "emap-fig2": "papers.emap.figures:figure_2",
     "emap-table1": "papers.emap.figures:table_1",
+    "emap-sensitivity": "papers.emap.sensitivity:sensitivity",
     "emap-fig4": "papers.emap.figures:figure_4",
     "emap-fig5": "papers.emap.figures:figure_5",
     "emap-fig6": "papers.emap.figures:figure_6",
@@ -73,7 +74,9 @@ class About(NamedTuple):
 
 ABOUT: dict[str, About] = {
     "glacier-fig4": About("Rendered ice beside photographs, as algorithms see it (Figs. 3 and 4)", 0.0),
-    "glacier-fig5": About("Maps of one traverse: mesh, Gaussian process, around the satellite's cells (Fig. 5)", 0.0),
+    "glacier-fig5": About(
+        "Maps of one traverse: mesh, Gaussian process, around the satellite's cells (Fig. 5)", 0.0
+    ),
     "glacier-fig6": About("The true terrain (Fig. 6)", 0.0),
     "glacier-fig7": About("A piecewise-continuous path (Fig. 7)", 0.0),
     "glacier-fig8": About("Coverage of four swaths: SCC, α, β (Fig. 8)", 0.0),
@@ -88,6 +91,7 @@ ABOUT: dict[str, About] = {
     "emap-fig1": About("A surface and its reconstruction (Fig. 1)", 0.0),
     "emap-fig2": About("Hits against distance (Fig. 2)", 0.0),
     "emap-table1": About("Error beside OctoMap's, four scenarios (Table 1)", 0.0),
+    "emap-sensitivity": About("Table 1 under 72 settings that the paper leaves open", 0.0),
     "emap-fig4": About("Spread of raw errors over the nodes (Fig. 4)", 0.0),
     "emap-fig5": About("Error along the drive, Gaussian scenario (Fig. 5)", 0.0),
     "emap-fig6": About("Time against nodes (Fig. 6)", 0.0),
@@ -116,7 +120,13 @@ LONG: dict[str, str] = {
 def listed(name: str) -> str:
     """Return a study's name, what it makes, and the CPU time that it takes in full depth."""
     minutes = ABOUT[name].cpu_min
-    time = f"{60.0 * minutes:.0f} s" if minutes < 1.5 else f"{minutes:.0f} min" if minutes < 100.0 else f"{minutes / 60.0:.1f} h"
+    time = (
+        f"{60.0 * minutes:.0f} s"
+        if minutes < 1.5
+        else f"{minutes:.0f} min"
+        if minutes < 100.0
+        else f"{minutes / 60.0:.1f} h"
+    )
     return f"{name:<24}{ABOUT[name].title}, {time} of CPU"
 
 

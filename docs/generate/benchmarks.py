@@ -85,7 +85,10 @@ def papers_page() -> str:
     """Return the claims of the papers from ``results/README.md``, then the pages of each paper."""
     claims = (RESULTS / "README.md").read_text(encoding="utf-8")
     texts = [claims[claims.index("## Glacier paper") : claims.index("## Known misses")]]
-    texts += ["#" + (RESULTS / f"{paper}.md").read_text(encoding="utf-8") for paper in ("glacier", "emap", "carving")]
+    texts += [
+        "#" + (RESULTS / f"{paper}.md").read_text(encoding="utf-8")
+        for paper in ("glacier", "emap", "carving")
+    ]
     head = "# Beside the papers\n\n`firnline reproduce --list` names every figure and table.\n\n"
     return head + "\n".join(texts)
 

@@ -213,7 +213,9 @@ def reproduce(
         bool, typer.Option("--force", help="Replace studies that are there, complete ones included.")
     ] = False,
     dry_run: DryRun = False,
-    list_all: Annotated[bool, typer.Option("--list", help="Name every study, with what it makes and its CPU time, and end.")] = False,
+    list_all: Annotated[
+        bool, typer.Option("--list", help="Name every study, with what it makes and its CPU time, and end.")
+    ] = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,  # noqa: ARG001
 ) -> None:

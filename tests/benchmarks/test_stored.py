@@ -60,7 +60,9 @@ def test_a_remark_stays_and_says_for_which_run_it_was_written(results):
 
 
 def test_a_long_run_says_beforehand_what_it_takes(results, capsys):
-    (results / "small.json").write_text(json.dumps({"provenance": {"cpu_s": 1000.0, "earlier_cpu_s": 2000.0}}))
+    (results / "small.json").write_text(
+        json.dumps({"provenance": {"cpu_s": 1000.0, "earlier_cpu_s": 2000.0}})
+    )
     main("Small", measure, (), ["--quick"])
     assert "minutes of CPU" not in capsys.readouterr().err
     main("Small", measure, (), [])

@@ -35,13 +35,13 @@ FILES = {
         def other(z):
             return z
         ''',
-    "survey/noise.py": '''
+    "survey/noise.py": """
         SIGMA = 1.0  # metres
         def drawn():
             return SIGMA
         def unused():
             return 2
-        ''',
+        """,
     "survey/programs.py": "def run():\n    return 1\n",
     "firnline/cli/planning.py": "def plan():\n    return 1\ndef score():\n    return 2\n",
     "firnline/cli/main.py": "from firnline.cli import planning\n",
@@ -106,7 +106,10 @@ def test_what_it_does_not_reach_leaves_its_digest(digest, file, old, new):
 
 
 def test_a_moved_module_leaves_the_digest(tmp_path):
-    files = {name.replace("noise", "draws"): text.replace("survey.noise", "survey.draws") for name, text in FILES.items()}
+    files = {
+        name.replace("noise", "draws"): text.replace("survey.noise", "survey.draws")
+        for name, text in FILES.items()
+    }
     assert digest_of(tmp_path / "before", FILES) == digest_of(tmp_path / "after", files)
 
 
