@@ -91,7 +91,7 @@ def _add_drive(scores: Scores, drive: EmapRun, scans_per_m: int) -> None:
             octomap.insert(points)
         is_scored = k % round(SCAN_STEP_M * scans_per_m) == 0
         for lattice in LATTICES:
-            if lattice.centre_xy_m is not None and place[0] > lattice.side_m:
+            if lattice.centre_xy_m is not None and place[0] > lattice.side_m - 2.0 * STEP_M:
                 continue
             centre = place if lattice.centre_xy_m is None else np.array([*lattice.centre_xy_m, place[2]])
             within = _within(points, centre, lattice.side_m)
