@@ -103,8 +103,11 @@ def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Follow the Gaussian scenario's error along three periods of the hills, 2π² m each (Fig. 5)."""
-    n_scans = 3 * _n_scans(quick)
-    runs = list(_runs((OCTOMAP, EMAP, FIELD), quick, progress, n_runs=3, n_scans=n_scans))
+    n_runs, n_scans = 2 if quick else 3, 3 * _n_scans(quick)
+    runs = []
+    for k in range(n_runs):
+        runs.append(run(EmapRun(run=k, n_scans=n_scans), (OCTOMAP, EMAP, FIELD)))
+        progress("runs", k + 1, n_runs)
     curves = {m: np.mean([s[m].weighted["Gaussian"] for s in runs], axis=0) for m in runs[0]}
     distance = SCAN_STEP_M * np.arange(n_scans, dtype=np.float64)
     write_csv(
@@ -166,12 +169,12 @@ def _n_scans(quick: bool) -> int:
 
 
 def _runs(
-    methods: Sequence[str], quick: bool, progress: Progress, n_runs: int = N_RUNS, n_scans: int | None = None
+    methods: Sequence[str], quick: bool, progress: Progress, n_runs: int = N_RUNS
 ) -> Iterator[dict[str, RunScore]]:
     """Yield the scores of run after run."""
     n = 2 if quick else n_runs
     for k in range(n):
-        yield run(EmapRun(run=k, n_scans=n_scans or _n_scans(quick)), methods)
+        yield run(EmapRun(run=k, n_scans=_n_scans(quick)), methods)
         progress("runs", k + 1, n)
 
 

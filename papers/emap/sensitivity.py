@@ -6,6 +6,7 @@ sensor's height, the springs' constants, the scans per metre that are mapped, an
 
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -53,6 +54,18 @@ DRIVE_M = 20.0
 _K_DATA = 0.5
 _THRESHOLDS_M = np.arange(4.0, 10.01, 0.25)
 
+
+@dataclass(frozen=True)
+class SpacedRun(EmapRun):
+    """A run with a spacing of its own between the scans [m]."""
+
+    spacing_m: float = SCAN_STEP_M
+
+    def sensors(self) -> FloatArray:
+        """Return the sensor's places (n_scans, 3) [m]."""
+        return super().sensors() * [self.spacing_m / SCAN_STEP_M, 1.0, 1.0]
+
+
 Key = tuple[str, float, int, str]
 """Lattice, height of the sensor [m], scans per metre, and model."""
 Scores = dict[Key, list[FloatArray]]
@@ -65,7 +78,7 @@ def sensitivity(folder: Path, *, quick: bool, progress: Progress) -> None:
     scores: Scores = defaultdict(list)
     for k, (height_m, scans_per_m, run) in enumerate(drives, start=1):
         n_scans = int((5.0 if quick else DRIVE_M) * scans_per_m)
-        drive = EmapRun(run=run, n_scans=n_scans, sensor_height_m=height_m, scan_step_m=1.0 / scans_per_m)
+        drive = SpacedRun(run=run, n_scans=n_scans, sensor_height_m=height_m, spacing_m=1.0 / scans_per_m)
         _add_drive(scores, drive, scans_per_m)
         progress("drives", k, len(drives))
     rows = list(_rows({key: np.mean(found, axis=0) for key, found in scores.items()}))

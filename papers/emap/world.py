@@ -138,11 +138,10 @@ class EmapRun:
     height: Height = sine_hills
     n_scans: int = N_SCANS
     sensor_height_m: float = SENSOR_HEIGHT_M
-    scan_step_m: float = SCAN_STEP_M
 
     def sensors(self) -> FloatArray:
         """Return the sensor's places (n_scans, 3) [m]."""
-        x = self.scan_step_m * np.arange(self.n_scans)
+        x = SCAN_STEP_M * np.arange(self.n_scans)
         return np.column_stack([x, np.full_like(x, float(self.run)), np.full_like(x, self.sensor_height_m)])
 
     def scans(self) -> Iterator[tuple[FloatArray, SurfacePoints]]:
