@@ -103,7 +103,9 @@ def against_exact_tools(quick: bool) -> Iterator[Row]:
         yield from against_peers(points, places(nodes), N_NODES, ours)
 
 
-def _mean_alone(points: Points, peer: Any, blocks: Sequence[FloatArray], fit_s: float, *, quick: bool) -> Iterator[Row]:
+def _mean_alone(
+    points: Points, peer: Any, blocks: Sequence[FloatArray], fit_s: float, *, quick: bool
+) -> Iterator[Row]:
     """Yield the same comparison without standard deviations."""
     _, ours = fastest(lambda: fitted(points).mean_on_axes(AXIS, AXIS), 2 if quick else 3)
     asked = min(cpu_seconds(partial(peer.predict, block))[1] / len(block) for block in blocks)

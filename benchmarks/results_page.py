@@ -93,13 +93,13 @@ def cpu_time(one: Stored) -> str:
     facts = one.provenance
     if facts.get("cpu_s") is not None:
         return _duration(float(facts["cpu_s"]) + float(facts.get("earlier_cpu_s", 0.0)))
-    stated = 60.0 * ABOUT[one.name].cpu_min if one.is_study else 0.0
+    stated = 60.0 * (ABOUT[one.name].cpu_min or 0.0) if one.is_study else 0.0
     return f"about {_duration(stated)}" if stated else "not measured"
 
 
 def _duration(seconds: float) -> str:
     if seconds < 100.0:
-        return f"{seconds:.0f} s"
+        return f"{seconds:.0f} s" if seconds >= 1.0 else "< 1 s"
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
