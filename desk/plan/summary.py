@@ -9,14 +9,14 @@ from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
 from desk.plan.request import command_of
 from desk.terrain.pyramid import ElevationPyramid, heights_at
-from desk.terrain.shading import DEVIATION
+from desk.terrain.shading import DEVIATION, colour_limit
 from desk.terrain.tiles import picture
 from firnline.actions.plan_request import fact_texts
 from firnline.actions.planning import AreaPlan
 from planners.routes.rover import Rover, energy_per_metre
 from planners.swaths.reference_lines import swaths_text
 from survey import Dem, Route
-from survey.core import BoolArray, FloatArray, IntArray, round_number
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.core.map_scale import ground_lengths_m
 
 
@@ -41,7 +41,7 @@ def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str
             {"rings": _rings(piece.polygon), "reason": piece.reason, "text": str(piece)}
             for piece in live.plan.left_out
         ],
-        "command": command_of(document, f"{name}.gpkg", terrain, f"{name}.geojson"),
+        "command": command_of(document, f"{name}_area.gpkg", terrain, f"{name}.geojson"),
     }
 
 
@@ -64,7 +64,7 @@ def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
     if std is None:
         return {"bounds": list(plan.area.bounds), "image": None}
     known = std.elevation[np.isfinite(std.elevation)]
-    top_m = round_number(float(np.percentile(known, 98.0)) * 1.1)
+    top_m = colour_limit(known)
     return {
         **picture(std, DEVIATION, 0.0, top_m),
         "top_m": top_m,
