@@ -35,7 +35,9 @@ def guaranteed(planner: LivePlanner, document: PlanDocument, name: str, job: Job
     requirement = requirement_of(requirement_request(document, planner.terrain))
     area = document.survey_area(planner.crs)
     made = guarantee(area, planner.prior(area), requirement, progress=job.progress)
-    command = command_of(document, f"{name}.gpkg", planner.terrain.name, f"{name}.geojson", required=True)
+    command = command_of(
+        document, f"{name}_area.gpkg", planner.terrain.name, f"{name}.geojson", required=True
+    )
     return {"holds": made.holds, "sentence": _sentence(made), "command": command} | (
         {
             "planner": made.config.model_dump(mode="json", exclude_defaults=True)

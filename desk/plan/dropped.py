@@ -21,6 +21,8 @@ _RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
 _POINTS = (".csv", ".las", ".laz", ".ply")
 _MOST_POINTS = 5000
 _MANY_OUTLINES = 12
+SIGMA_M = 0.05
+"""Standard deviation of heights that state none [m]."""
 
 
 def dropped(name: str, content: bytes, crs: CRS, select: Sequence[str] = ()) -> dict[str, Any]:
@@ -74,7 +76,7 @@ def _raster(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
 
 
 def _points(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
-    points = SurfacePoints.read(file, crs=crs)
+    points = SurfacePoints.read(file, crs=crs, sigma_m=SIGMA_M)
     return {"kind": "points", **thinned_points(points.xyz)}
 
 

@@ -151,6 +151,15 @@ KINDS: Sequence[str] = (
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
 
+def known_kind(kind: str) -> str:
+    """Return a kind of files; refuse one that is not known."""
+    if kind not in KINDS:
+        raise InputError(
+            f"the kind of file {kind[:40]!r} is not known; one of {', '.join(KINDS)} was expected."
+        )
+    return kind
+
+
 class ExportedFile(NamedTuple):
     """Name and content of a file; several files are packed into one."""
 
@@ -172,10 +181,6 @@ class PlanExport(NamedTuple):
 
     def file(self, kind: str) -> ExportedFile:
         """Return a file of the plan."""
-        if kind not in KINDS:
-            raise InputError(
-                f"the kind of file {kind!r} is not known; one of {', '.join(KINDS)} was expected."
-            )
         with tempfile.TemporaryDirectory(prefix="firnline-desk-") as place:
             folder = Path(place)
             self._write(folder, kind)
@@ -190,11 +195,11 @@ class PlanExport(NamedTuple):
         if kind in _ROUTES:
             plan.route.write(place)
         elif kind in _AREAS:
-            plan.area.write(place)
+            plan.area.write(place.with_stem(f"{self.name}_area"))
         elif kind in _POINT_FILES:
             write_points(self.document, plan.area, plan.prior, place.with_stem(f"{self.name}_points"))
         elif kind in _SHEETS:
-            request = request_of(self.document, folder.parent / f"{self.name}.gpkg", self.terrain, place)
+            request = request_of(self.document, folder.parent / f"{self.name}_area.gpkg", self.terrain, place)
             write_outputs(request, plan.route, plan.drawing)
         elif kind == "sigma.tif":
             self._write_sigma(folder / f"{self.name}_sigma.tif")

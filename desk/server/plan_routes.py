@@ -7,7 +7,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from desk.plan.document import PlanDocument
-from desk.plan.history import OutdatedError, StoredHistory, Variant
+from desk.plan.history import OutdatedError, Variant
+from desk.plan.history_file import StoredHistory
 from desk.server.replies import body_of
 from desk.workspace import Workspace
 from survey.core import ConfigError, FirnlineError, Section, validated
@@ -164,13 +165,12 @@ def _row(workspace: Workspace, variant: Variant) -> dict[str, Any]:
 
 def export(request: Request) -> Response:
     """Answer with a file of the plan."""
-    from desk.plan.exports import PlanExport
+    from desk.plan.exports import PlanExport, known_kind
 
     workspace: Workspace = request.app.state.workspace
-    document = workspace.store.document
-    live = workspace.planner.exact(document)
-    plan = PlanExport(live, document, workspace.name, workspace.terrain)
-    file = plan.file(request.path_params["kind"])
+    kind, document = known_kind(request.path_params["kind"]), workspace.store.document
+    plan = PlanExport(workspace.planner.exact(document), document, workspace.name, workspace.terrain)
+    file = plan.file(kind)
     ascii_name = file.name.encode("ascii", "replace").decode().replace('"', "_").replace("\\", "_")
     headers = {"content-disposition": f'attachment; filename="{ascii_name}"'}
     return Response(file.content, media_type="application/octet-stream", headers=headers)

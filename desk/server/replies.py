@@ -13,7 +13,19 @@ from survey.core import CapacityError, ConfigError, FirnlineError, InputError, p
 
 _REPORT_POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'; sandbox"
 _REPORT_TYPES = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
-_STATUS = ((OutdatedError, 409), (CapacityError, 413), (FirnlineError, 422))
+
+
+class SlowRequestError(FirnlineError):
+    """A request that does not arrive in time."""
+
+
+class BusyError(FirnlineError):
+    """More than is answered at once."""
+
+
+_STATUS = (
+    (OutdatedError, 409), (SlowRequestError, 408), (BusyError, 429), (CapacityError, 413), (FirnlineError, 422),
+)  # fmt: skip
 _NO_OBJECT = "the request is no JSON object; it was not made by this page."
 
 

@@ -42,6 +42,11 @@ def test_points_are_thinned_and_counted():
     assert len(found["places"]) == 3000
 
 
+def test_points_without_an_uncertainty_are_taken():
+    rows = "\n".join(f"{WEST + k},{SOUTH + k},800.0" for k in range(5))
+    assert dropped("points.csv", f"x_m,y_m,z_m\n{rows}\n".encode(), area().crs)["n_points"] == 5
+
+
 def test_landmarks_in_a_geopackage_are_points(tmp_path):
     from survey.data.surface_points import SurfacePoints
 
