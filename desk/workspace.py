@@ -5,9 +5,11 @@ import os
 import tempfile
 from contextlib import ExitStack
 from functools import cached_property
+from io import BytesIO
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
+from zipfile import ZipFile
 
 from pyproj import CRS
 
@@ -19,6 +21,8 @@ from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from firnline.actions.interface import own_crs
 from survey import Dem, InputError, SurveyArea
+from survey.core import CapacityError, refusing_damage, write_bytes
+from survey.core.files import existing_file, read_bytes
 from survey.core.map_scale import MapScale
 
 if TYPE_CHECKING:
@@ -98,6 +102,8 @@ class Workspace:
 def open_workspace(source: Path | None, folder: Path) -> Workspace:
     """Open what the command names."""
     source = source or _latest_plan(folder)
+    if source.suffix == ".zip":
+        source = _unpacked(source, folder)
     if source.name.endswith(SUFFIX):
         history = read_history(source)
         return Workspace(source.parent / Path(history.terrain).name, source, history.document)
@@ -124,6 +130,29 @@ def _plan_file(stem: Path, terrain: str, source: str = "") -> Path:
         if begun.source == source if begun.source else begun.terrain == terrain:
             break
     return file
+
+
+_LARGEST_SHARED_BYTES = 512 * 2**20
+
+
+def _unpacked(source: Path, folder: Path) -> Path:
+    """Unpack a plan that was shared into a folder of its name, and return its file; what is there already stays."""
+    content = read_bytes(existing_file(source, "the shared plan"), "the shared plan", _LARGEST_SHARED_BYTES)
+    place = folder / source.name.removesuffix(".zip").removesuffix(".desk")
+    with refusing_damage(str(source), "plan of the desk"), ZipFile(BytesIO(content)) as archive:
+        names = archive.namelist()
+        (plan,) = (name for name in names if name.endswith(SUFFIX))
+        if any(Path(name).name != name for name in names) or len(names) != 2:
+            raise ValueError("a plan and its terrain were expected")
+        if sum(entry.file_size for entry in archive.infolist()) > _LARGEST_SHARED_BYTES:
+            raise CapacityError(
+                f"{source} holds more than {_LARGEST_SHARED_BYTES // 2**20} MB; open the plan itself."
+            )
+        place.mkdir(exist_ok=True)
+        for name in names:
+            if not (place / name).exists():
+                write_bytes(place / name, archive.read(name))
+    return place / plan
 
 
 def _latest_plan(folder: Path) -> Path:

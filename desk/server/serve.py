@@ -56,6 +56,7 @@ _ROUTES = (
     Route("/api/variants", plan.table),
     Route("/api/variants", plan.add, methods=["POST"]),
     Route("/api/variants/{index:int}", plan.remove, methods=["DELETE"]),
+    Route("/api/variants/{index:int}/beside", plan.beside),
     Route("/api/jobs", jobs.start, methods=["POST"]),
     Route("/api/jobs/{job}", jobs.cancel, methods=["DELETE"]),
     Route("/api/jobs/{job}/events", jobs.events),

@@ -1,10 +1,12 @@
 """What the desk can be opened with."""
 
 import json
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
+from desk.plan.exports import PlanExport
 from desk.plan.history_file import read_history
 from desk.workspace import open_workspace, write_demo
 from firnline.actions.requests import RunOptions
@@ -147,3 +149,34 @@ def test_rasters_of_one_name_have_plans_of_their_own(tmp_path):
             desk.store.write()
     assert read_history(tmp_path / "a.desk.json").terrain == "a.tif"
     assert read_history(tmp_path / "a-2.desk.json").terrain == "a.asc"
+
+
+def test_a_shared_plan_is_the_same_plan_elsewhere(tmp_path):
+    with open_workspace(write_demo(tmp_path / "demo"), tmp_path) as desk:
+        document = desk.store.document.model_copy(update={"notes": "for Ada"})
+        live = desk.planner.exact(document)
+        shared = PlanExport(live, document, desk.name, desk.terrain).file("desk.zip")
+    assert shared.name == "srtm_sample.desk.zip"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / shared.name).write_bytes(shared.content)
+    with open_workspace(elsewhere / shared.name, elsewhere) as desk:
+        assert desk.folder == elsewhere / "srtm_sample"
+        assert desk.store.document == document
+        again = desk.planner.exact(desk.store.document).plan.route
+        assert again.prediction == live.plan.route.prediction
+        desk.store.edit(0, "Edit", document.model_copy(update={"notes": "kept"}))
+    with open_workspace(elsewhere / shared.name, elsewhere) as desk:
+        assert desk.store.document.notes == "kept"
+
+
+@pytest.mark.parametrize(
+    "names", [["a.tif"], ["../a.desk.json", "a.tif"], ["a.desk.json", "b.desk.json"], []]
+)
+def test_an_archive_that_is_no_shared_plan_is_refused(tmp_path, names):
+    with ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name in names:
+            archive.writestr(name, "x")
+    with pytest.raises(InputError, match=r"a\.zip is damaged or no plan of the desk"):
+        open_workspace(tmp_path / "a.zip", tmp_path)
+    assert not (tmp_path / "a").exists()

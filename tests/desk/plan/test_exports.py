@@ -115,6 +115,16 @@ def test_every_kind_is_written(place):
         assert file.name.startswith("site"), kind
 
 
+def test_a_mission_takes_autopilot_and_speed(page):
+    made = page.get("/api/export/.plan?autopilot=ardupilot&speed_m_s=0.7&returns=false").json()["mission"]
+    assert made["firmwareType"] == 3
+    assert made["cruiseSpeed"] == 0.7
+    for query in ("autopilot=none", "speed_m_s=0", "speed_m_s=nan", "speed_m_s=fast", "other=1"):
+        answer = page.get(f"/api/export/.plan?{query}")
+        assert answer.status_code == 422, query
+        assert answer.json()["error"].endswith(".")
+
+
 def test_no_two_kinds_have_one_name(place):
     export = export_of(
         PlanDocument(areas=((SQUARE,),), checkpoints=STARTS, planner={"pattern": "lawnmower", "swaths": 2})
