@@ -68,9 +68,7 @@ def error_curve(planner: LivePlanner, document: PlanDocument, job: Job) -> dict[
             chosen.no_error_because or "no error is predicted for this pattern; choose lawnmower or wavy."
         )
     n_chosen = (
-        chosen.plan.route.n_lines
-        if document.planner.get("swaths") is None
-        else document.planner["swaths"]
+        chosen.plan.route.n_lines if document.planner.get("swaths") is None else document.planner["swaths"]
     )
     numbers = list(_numbers(n_chosen))
     for done, n in enumerate(numbers):

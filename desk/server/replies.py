@@ -39,6 +39,12 @@ def refused(request: Request, error: Exception) -> Response:
     return JSONResponse({"error": printable(sentence)}, 500)
 
 
+def left(request: Request, error: Exception) -> Response:
+    """Answer a client that is gone before its request has arrived; it is no fault of the server."""
+    del request, error
+    return PlainTextResponse("The request did not arrive.", 400)
+
+
 async def body_of(request: Request) -> dict[str, Any]:
     """Return the object that a request carries."""
     body = await request.body()

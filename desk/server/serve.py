@@ -21,6 +21,7 @@ import typer
 import uvicorn
 from anyio import current_time, move_on_after
 from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -31,7 +32,7 @@ from desk.server import job_routes as jobs
 from desk.server import map_routes as maps
 from desk.server import plan_routes as plan
 from desk.server import replies
-from desk.server.replies import SlowRequestError, refused
+from desk.server.replies import SlowRequestError, left, refused
 from desk.workspace import Workspace, open_workspace, write_demo
 from survey.core import CapacityError, FirnlineError, InputError
 
@@ -74,7 +75,7 @@ _ROUTES = (
 
 def desk_app(workspace: Workspace) -> Starlette:
     """Return the application, without the gate that keeps others out."""
-    handlers = {FirnlineError: refused, Exception: refused}
+    handlers = {FirnlineError: refused, ClientDisconnect: left, Exception: refused}
     app = Starlette(routes=list(_ROUTES), exception_handlers=handlers)
     app.state.workspace = workspace
     return app

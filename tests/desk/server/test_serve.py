@@ -134,3 +134,16 @@ def test_streams_hold_no_threads(server):
         streams.close()
         assert client.get(f"{server.origin}/api/plan").status_code == 200
     server.workspace.jobs.cancel_all()
+
+
+def test_a_client_that_leaves_in_the_middle_of_a_body_is_no_fault(server, caplog):
+    with httpx.Client() as client:
+        client.get(server.gate.address).raise_for_status()
+        cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+    host = server.origin.removeprefix("http://")
+    head = f"host: {host}\r\norigin: {server.origin}\r\ncookie: {cookie}\r\ncontent-length: 99\r\n"
+    with socket.create_connection(("127.0.0.1", int(host.partition(":")[2])), timeout=10.0) as connection:
+        connection.sendall(f"POST /api/edit HTTP/1.1\r\n{head}\r\n{{".encode())
+        time.sleep(0.3)
+    time.sleep(0.5)
+    assert caplog.text == ""
