@@ -85,7 +85,7 @@ def test_what_is_dropped_is_shown(opened, tmp_path):
     assert abs(y - south - 30.0) < 30.0
 
 
-def test_two_plans_are_compared_under_a_curtain(opened):
+def test_two_plans_are_compared_under_a_swipe(opened):
     page = opened.page
     opened.tab("compare")
     page.fill("#variant-name", "four")
