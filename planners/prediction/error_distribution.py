@@ -6,7 +6,7 @@ normal numbers. Its mean and variance follow from the posterior covariance C of 
 .. math::  E = \frac{1}{M} \mathrm{tr}\, C, \qquad V = \frac{2}{M^2} \mathrm{tr}\, C^2
 
 and it is about the gamma distribution with these moments (Satterthwaite 1946). An error that all samples share adds its
-variance to E. On ground that is rougher than the covariance by a factor f the mean is at most
+square, over whose normal distribution the probability is integrated. On ground that is rougher than the covariance by a factor f the mean is at most
 
 .. math::  E(f) = f^2 \, T + N, \qquad T + N = E
 
@@ -41,10 +41,12 @@ from planners.prediction.prior_cells import PriorCells
 from survey import SurveyArea
 from survey.core import FloatArray, IntArray
 from survey.reconstruction.gp.kernel_search import Cell
+from survey.reconstruction.level import TIES
 
 _FREEDOM = 4.0
 _N_FACTORS = 28
 _N_BISECTIONS = 40
+_N_MERGED = 400
 _LEAST_SPREAD = 1e-6
 
 
@@ -66,43 +68,53 @@ class ErrorDistribution:
 
     `parts`: one for each covariance; weights sum to 1. `spread`: scale of the logarithm of a factor of the
     roughness, which has Student's distribution. `open_spread`: standard deviation of the logarithm of another
-    factor of the roughness, which is normal.
+    factor of the roughness, which is normal. `shared_m`: standard deviation of an error that all samples share [m].
     """
 
     parts: Sequence[ErrorMoments]
     spread: float = 0.0
     open_spread: float = 0.0
+    shared_m: float = 0.0
 
     def with_shared(self, shared_m: float) -> "ErrorDistribution":
         """Return the distribution with an error that all samples share, of a standard deviation [m]."""
-        squared = shared_m**2
-        parts = [
-            part._replace(
-                mean=part.mean + squared,
-                variance=part.variance + 2.0 * squared**2,
-                noise=part.noise + squared,
-            )
-            for part in self.parts
-        ]
-        return replace(self, parts=parts)
+        return replace(self, shared_m=float(np.hypot(self.shared_m, shared_m)))
+
+    def by_level(self, level_m: float) -> "dict[str, ErrorDistribution]":
+        """Return the distributions of a map whose level the prior alone holds, to `level_m`, and one more tie each.
+
+        The distribution itself is that without an error of the level. Names are "prior" and those of `TIES`.
+        """
+        left_m = {name: tie.left_m(level_m, self.rmse_m) for name, tie in TIES.items()}
+        return {name: self.with_shared(one) for name, one in ({"prior": level_m} | left_m).items()}
 
     def probability(self, limit_m: float) -> float:
         """Return the probability that the error is at most a limit [m]."""
         terrain, noise, shape = self._moments
         factors, shares = self._factors
         means = np.square(factors) * terrain + noise
-        return float(shares @ gammainc(shape, shape * limit_m**2 / means))
+        left_m2 = np.maximum(limit_m**2 - np.square(self._levels_m[0]), 0.0)
+        return float(self._levels_m[1] @ gammainc(shape, shape * np.divide.outer(left_m2, means)) @ shares)
 
     @cached_property
     def rmse_m(self) -> float:
         """Expected error [m], at the median of the factors."""
         terrain, noise, shape = self._moments
+        # Mean and variance of the mean square with what samples share, as of a gamma distribution.
+        mean = terrain + noise + self.shared_m**2
+        shape = mean**2 / ((terrain + noise) ** 2 / shape + 2.0 * self.shared_m**4)
         root = float(np.exp(gammaln(shape + 0.5) - gammaln(shape)))
-        return root * float(np.sqrt((terrain + noise) / shape))
+        return root * float(np.sqrt(mean / shape))
+
+    @property
+    def shared_share(self) -> float:
+        """Share of what samples share in the expected squared error, at the median of the factors."""
+        terrain, noise, _ = self._moments
+        return self.shared_m**2 / (terrain + noise + self.shared_m**2)
 
     def quantile_m(self, probability: float) -> float:
         """Return the error that the map stays within with a probability [m]."""
-        low, high = 0.0, float(np.sqrt(max(part.mean for part in self.parts)))
+        low, high = 0.0, float(np.sqrt(max(part.mean for part in self.parts)) + self.shared_m)
         while self.probability(high) < probability:
             high *= 2.0
         for _ in range(_N_BISECTIONS):
@@ -130,14 +142,25 @@ class ErrorDistribution:
 
     @cached_property
     def _factors(self) -> tuple[FloatArray, FloatArray]:
-        """Factors of the roughness and their shares."""
+        """Factors of the roughness and their shares, those nearly alike as one."""
         logs, shares = self._between
         for spread, nodes in ((self.spread, _student), (self.open_spread, _normal)):
             if spread > 0.0:
                 values, weights = nodes()
                 logs = np.add.outer(logs, spread * values).ravel()
                 shares = np.multiply.outer(shares, weights).ravel()
-        return np.exp(logs), shares
+        edges = np.histogram_bin_edges(logs, _N_MERGED)
+        merged, sums = (np.histogram(logs, edges, weights=w)[0] for w in (shares, shares * logs))
+        kept = merged > 0.0
+        return np.exp(sums[kept] / merged[kept]), merged[kept]
+
+    @cached_property
+    def _levels_m(self) -> tuple[FloatArray, FloatArray]:
+        """Sizes of the error that samples share [m], and their shares."""
+        if self.shared_m == 0.0:
+            return np.zeros(1), np.ones(1)
+        share, weights = _nodes()
+        return self.shared_m * ndtri(0.5 + 0.5 * share), weights
 
     @cached_property
     def _between(self) -> tuple[FloatArray, FloatArray]:

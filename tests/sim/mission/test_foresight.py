@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from firnline.actions.guaranteeing import survey_options
 from firnline.actions.interface import NotMetError
+from firnline.actions.joint_planning import survey_options
 from planners import RandomWanderConfig
 from planners.prediction.prior_kernels import covariance_of_cells
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
