@@ -68,6 +68,7 @@ def found_guarantee(
 def refusal_text(made: "Guarantee") -> str:
     """Return why a guarantee does not hold, and what can be reached, in one sentence."""
     from planners.guarantee.requirement import reachable_class
+    from planners.guarantee.survey_lines import LONGEST_M
 
     requirement = made.requirement
     reason = f" {contradiction_text(made)}; " if made.is_contradicted else " "
@@ -79,9 +80,15 @@ def refusal_text(made: "Guarantee") -> str:
             f"{reason}--adaptive learns how rough the ground is from its first swaths."
         )
     best = reachable_class(made.reachable_m)
+    is_longest = made.length_m > LONGEST_M and requirement.max_swaths is None
+    longest = (
+        f", more than {length_text(LONGEST_M)} to drive are tried with --max-swaths alone"
+        if is_longest
+        else ""
+    )
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
-        f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
+        f"{made.config.swaths} swaths{longest}; with that probability they reach {made.reachable_m:.3g} m, "
         f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}{_way_out(made)}"
     )
 
@@ -254,7 +261,7 @@ def swath_advice(
     """Return the swath to drive next after what was driven and measured, or that none is needed or none would help."""
     from planners.guarantee.adaptive import AdaptiveConfig, next_swath
 
-    config = AdaptiveConfig.across_grain(requirement, area, prior)
+    config = AdaptiveConfig.of_prior(requirement, area, prior)
     return next_swath(area, driven, points.xy, points.xyz[:, 2], config)
 
 
@@ -265,7 +272,7 @@ def _plan_first(
     from planners.guarantee.adaptive import AdaptiveConfig, first_swaths
     from planners.guarantee.guarantee import posterior_of
 
-    config = AdaptiveConfig.across_grain(requirement, area, prior)
+    config = AdaptiveConfig.of_prior(requirement, area, prior)
     route = first_swaths(area, posterior_of(area, prior, requirement), config)
     step = "drive and measure them, then run this again with --driven and --measured"
     stated = {"swaths": len(route.swaths), "next": step}

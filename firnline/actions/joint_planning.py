@@ -7,6 +7,7 @@ import planners
 from firnline.actions.guaranteeing import found_guarantee, limit_of, prior_of, requirement_of
 from firnline.actions.interface import NotMetError, Progress, Result, fact_line, no_progress
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
+from survey.core import CapacityError, length_text
 
 if TYPE_CHECKING:
     from sim.config.mission import MissionConfig
@@ -14,10 +15,9 @@ if TYPE_CHECKING:
 
 
 _MOST_FURTHER = 6
-_ROUGHER = (
-    "relief that the prior's cells do not show, beyond reconstruction.gp.nugget_m (0.15 m by default); on rough ground it "
-    "is the larger error: firnline plan AREA --prior RASTER --require counts it, firnline rehearse tries it"
-)
+# A drive of this length takes some 100 s and 1.5 GB to localize.
+_MOST_JOINT_M = 150_000.0
+_NOT_PREDICTED = "times without vision, slip and wrong matches (firnline rehearse tries them)"
 
 
 @dataclass(frozen=True)
@@ -42,26 +42,31 @@ class SurveyOptions(Result):
 
     def lines(self) -> list[str]:
         """Return the surveys, and what their prediction does not include."""
-        return [*self.survey_lines(), fact_line("not included", _ROUGHER)]
+        return [*self.survey_lines(), fact_line("not included", _NOT_PREDICTED)]
 
 
-def survey_options(mission: "MissionConfig", limit_m: float, probability: float) -> SurveyOptions:
+def survey_options(
+    mission: "MissionConfig", limit_m: float, probability: float, progress: Progress = no_progress
+) -> SurveyOptions:
     """Return the surveys with which the map of a mission meets a class."""
     from sim.mission.capacity import require_mission
     from sim.mission.foresight import surveys_within
 
     world = require_mission(mission)
-    options = list(surveys_within(mission, world, limit_m=limit_m, probability=probability))
-    return SurveyOptions(_cheapest_of(options, limit_m, probability), options, limit_m)
+    tried: list[PredictedSurvey] = []
+    found = surveys_within(
+        mission, world, limit_m=limit_m, probability=probability, progress=progress, tried=tried
+    )
+    options = list(found)
+    return SurveyOptions(_cheapest_of(options, tried, limit_m, probability), options, limit_m)
 
 
 def plan_mission_swaths(request: PlanRequest, progress: Progress = no_progress) -> SurveyOptions:
     """Return the numbers of swaths and stakes with which a mission's map meets the class."""
     from sim.mission.runs import read_mission
 
-    del progress
     mission = read_mission(request.source, request.settings)
-    return survey_options(mission, limit_of(str(request.require)), request.probability)
+    return survey_options(mission, limit_of(str(request.require)), request.probability, progress)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +95,7 @@ class JointPlan(PlanResult):
 def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointPlan:
     """Plan the route with the least to drive that meets the class with the errors that its path shares.
 
-    No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
-    between the cells of the prior to be smooth.
+    No fewer swaths are tried than the guarantee needs without those errors, which simulated surveys have shown.
     """
     from sim.config.mission import MissionConfig
     from sim.mission.foresight import surveys_within
@@ -105,6 +109,12 @@ def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointP
     made = found_guarantee(area, prior, requirement_of(request), progress)
     mission = stated.model_copy(update={"planner": made.config})
     limit_m, least = made.requirement.limit_m, made.config.swaths or 1
+    if made.length_m > _MOST_JOINT_M:
+        raise CapacityError(
+            f"--joint was asked for {length_text(made.length_m)} to drive, and {length_text(_MOST_JOINT_M)} are the most; take "
+            "a part of the area (--below, --select), a larger error, or leave --joint out."
+        )
+    tried: list[PredictedSurvey] = []
     found = surveys_within(
         mission,
         World(prior, prior, area),
@@ -112,9 +122,12 @@ def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointP
         probability=request.probability,
         least_swaths=least,
         most_swaths=least + _MOST_FURTHER,
+        model=planners.prior_model(prior, area, request.assumptions),
+        progress=progress,
+        tried=tried,
     )
     options = list(found)
-    best = _cheapest_of(options, limit_m, request.probability, least + _MOST_FURTHER)
+    best = _cheapest_of(options, tried, limit_m, request.probability)
     config = made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
     return JointPlan(
         request=request,
@@ -138,15 +151,22 @@ def _mission_values(request: PlanRequest) -> dict[str, object]:
 
 
 def _cheapest_of(
-    options: list["PredictedSurvey"], limit_m: float, probability: float, most_swaths: int = 8
+    options: "list[PredictedSurvey]", tried: "list[PredictedSurvey]", limit_m: float, probability: float
 ) -> "PredictedSurvey":
-    """Return the survey with the least to drive; refuse where there is none."""
+    """Return the survey with the least to drive; refuse where there is none, with the best of those tried."""
     from sim.mission.foresight import cheapest
 
     best = cheapest(options)
     if best is None:
+        reached = max(tried, key=lambda one: one.chance, default=None)
+        nearest = (
+            ""
+            if reached is None
+            else f"; the best of them is {reached}, of which the level is {reached.site_mean_m:.2f} m"
+        )
+        most = max((one.swaths for one in tried), default=0)
         raise NotMetError(
-            f"no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
-            f"with {probability:.0%}; ask for a larger error, or for better sensors."
+            f"no survey of up to {most} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
+            f"with {probability:.0%}{nearest}; ask for a larger error, or for better sensors."
         )
     return best

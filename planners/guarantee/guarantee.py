@@ -208,7 +208,7 @@ class SwathSearch:
             drivable(area),
             model_in_grid(area, prior, requirement),
             heading_deg,
-            swath_counts(width_m, prior.step_m, requirement),
+            swath_counts(width_m, prior.step_m, requirement, float(area.free.area)),
         )
 
     def fewest(self, shape: LinePattern) -> int | None:

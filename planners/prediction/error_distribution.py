@@ -80,6 +80,16 @@ class ErrorDistribution:
         """Return the distribution with an error that all samples share, of a standard deviation [m]."""
         return replace(self, shared_m=float(np.hypot(self.shared_m, shared_m)))
 
+    def with_part(self, covariance_m2: FloatArray) -> "ErrorDistribution":
+        """Return the distribution with errors of another source, of a covariance (M, M) at the nodes [m²].
+
+        Their mean over the nodes is an error that all samples share.
+        """
+        level_m2 = max(float(covariance_m2.mean()), 0.0)
+        rest_m2 = max(float(np.trace(covariance_m2)) / len(covariance_m2) - level_m2, 0.0)
+        parts = [one._replace(mean=one.mean + rest_m2, noise=one.noise + rest_m2) for one in self.parts]
+        return replace(self, parts=parts).with_shared(float(np.sqrt(level_m2)))
+
     def by_level(self, level_m: float) -> "dict[str, ErrorDistribution]":
         """Return the distributions of a map whose level the prior alone holds, to `level_m`, and one more tie each.
 
@@ -306,10 +316,14 @@ class MapPrediction(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """Places that are predicted together (by number), and the samples (N, 2) and cells that predict them [m]."""
+    """Places that are predicted together (by number), and the samples (N, 2) and cells that predict them [m].
+
+    ``own_m2`` (N,): variances of the samples' errors beside those of the covariance [m²].
+    """
 
     places: IntArray
     xy: FloatArray
+    own_m2: FloatArray
     cells: PriorCells | None
 
 
@@ -358,10 +372,16 @@ class MapPredictor:
         pad_m = 0.0 if self.cells is None else 4.0 * self.cells.cell_m
         return float(np.hypot(xmax - xmin + pad_m, ymax - ymin + pad_m))
 
-    def distribution(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
-        """Predict the distribution of the map's error, from samples at places (N, 2) [m]."""
+    def distribution(
+        self, xy: FloatArray, posterior: KernelPosterior, own_m2: FloatArray | None = None
+    ) -> ErrorDistribution:
+        """Predict the distribution of the map's error, from samples at places (N, 2) [m].
+
+        `own_m2` (N,): variances of the samples' errors beside those of the covariances [m²].
+        """
         parts, n = [], len(self.nodes)
-        for one, left in zip(posterior.kernels, self._left(xy, posterior, self.nodes), strict=True):
+        own_m2 = np.zeros(len(xy)) if own_m2 is None else own_m2
+        for one, left in zip(posterior.kernels, self._left(xy, posterior, self.nodes, own_m2), strict=True):
             mean, noise = float(left.variance.mean()), float(left.noise.mean())
             parts.append(ErrorMoments(mean, 2.0 * left.squared / n**2, one.weight, noise))
         return ErrorDistribution(parts, posterior.spread, posterior.open_spread)
@@ -372,18 +392,47 @@ class MapPredictor:
         It is the weighted geometric mean over the covariances, as the expected error is.
         """
         weights = [one.weight for one in posterior.kernels]
-        logs = [np.log(np.maximum(one.variance, 1e-12)) for one in self._left(xy, posterior, at)]
+        logs = [
+            np.log(np.maximum(one.variance, 1e-12))
+            for one in self._left(xy, posterior, at, np.zeros(len(xy)))
+        ]
         variance: FloatArray = np.exp(np.average(logs, axis=0, weights=weights))
         return variance
 
-    def _left(self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray) -> list[_Left]:
+    def shared_part(
+        self, xy: FloatArray, one: WeightedKernel, own_m2: FloatArray, shared_m2: FloatArray
+    ) -> FloatArray:
+        """Return what errors that samples share add to the covariance of the map's errors at the nodes (M, M) [m²].
+
+        `xy` (N, 2): places of the samples [m]. `own_m2` (N,), `shared_m2` (N, N): variances of their own errors beside that of
+        the covariance, and covariance of the errors that they share [m²].
+        """
+        everywhere = np.arange(len(self.nodes))
+        cells = None if self.cells is None else self.cells.spread(_MOST_CELLS)
+        group = _Group(everywhere, xy, own_m2, cells)
+        seen, errors = self._seen(group, one, self.nodes), self._errors(one, group)
+        added = np.zeros_like(errors)
+        added[: len(xy), : len(xy)] = shared_m2 / one.variance_m2
+        part = np.zeros((len(everywhere), len(everywhere)))
+        for sign, total in ((1.0, errors + added), (-1.0, errors)):
+            solved = lapack.dpotrf((seen.among + total).T, lower=1, overwrite_a=1, clean=1)[0]
+            half = lapack.dtrtrs(solved, np.column_stack([np.ones(len(solved)), seen.across]), lower=1)[0]
+            ones, explained = half[:, 0], half[:, 1:]
+            gap = 1.0 - ones @ explained
+            part += sign * one.variance_m2 * (np.outer(gap, gap) / (ones @ ones) - explained.T @ explained)
+        return part
+
+    def _left(
+        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray, own_m2: FloatArray
+    ) -> list[_Left]:
         """Return what the map leaves at places (M, 2), for each covariance."""
         n_kernels = len(posterior.kernels)
         thin = self._averaged(xy)
-        xy, posterior = xy[::thin], posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
+        xy, own_m2 = xy[::thin], own_m2[::thin] / thin
+        posterior = posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
         variance, noise = np.empty((n_kernels, len(at))), np.empty((n_kernels, len(at)))
         squared = np.zeros(n_kernels)
-        for group in self._groups(xy, at):
+        for group in self._groups(xy, at, own_m2):
             seen: dict[object, _Seen] = {}
             for k, one in enumerate(posterior.kernels):
                 key = one.correlation_key
@@ -394,11 +443,11 @@ class MapPredictor:
                 squared[k] += left.squared
         return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
 
-    def _groups(self, xy: FloatArray, at: FloatArray) -> Iterator[_Group]:
+    def _groups(self, xy: FloatArray, at: FloatArray, own_m2: FloatArray) -> Iterator[_Group]:
         """Yield all places together, or groups of them with the samples and cells about each."""
         everywhere = np.arange(len(at))
         if len(xy) <= _MOST_AT_ONCE and (self.cells is None or len(self.cells) <= _MOST_CELLS):
-            yield _Group(everywhere, xy, self.cells)
+            yield _Group(everywhere, xy, own_m2, self.cells)
             return
         tree, waiting = cKDTree(xy), [everywhere]
         while waiting:
@@ -412,7 +461,8 @@ class MapPredictor:
                 along = int(np.argmax(np.ptp(at[index], axis=0)))
                 waiting += np.array_split(index[np.argsort(at[index, along], kind="stable")], 2)
                 continue
-            yield _Group(index, xy[np.atleast_1d(near)], cells)
+            near = np.atleast_1d(near)
+            yield _Group(index, xy[near], own_m2[near], cells)
 
     def _averaged(self, xy: FloatArray) -> int:
         """Return how many neighbouring samples one stands for, so that samples near a place lie on several lines."""
@@ -465,7 +515,7 @@ class MapPredictor:
 
     def _errors(self, one: WeightedKernel, group: _Group) -> FloatArray:
         """Return the covariance of the errors of a group's samples and cells, over the variance of the terrain."""
-        ratio = max(one.noise_m**2 / one.variance_m2, _LEAST_RATIO)
+        ratio = np.maximum((one.noise_m**2 + group.own_m2) / one.variance_m2, _LEAST_RATIO)
         n = len(group.xy)
         n_cells = 0 if group.cells is None else len(group.cells)
         errors = np.zeros((n + n_cells, n + n_cells))

@@ -51,6 +51,10 @@ class PriorCells:
             return self
         return replace(self, centre=self.centre[self._tree.query(place, n)[1]])
 
+    def spread(self, n: int) -> "PriorCells":
+        """Return at most n cells, evenly taken."""
+        return replace(self, centre=self.centre[np.unique(np.linspace(0, len(self) - 1, n).astype(int))])
+
     def farthest_m(self, place: FloatArray) -> float:
         """Return the distance of the farthest cell from a place (2,) [m]."""
         return float(np.hypot(*(self.centre - place).T).max())
@@ -77,8 +81,7 @@ class PriorCells:
         """Standard deviation of the level of a map that the cells alone hold: that of their best mean error [m]."""
         if self.sigma_m == 0.0:
             return 0.0
-        spread = np.unique(np.linspace(0, len(self) - 1, _MOST_FOR_LEVEL).astype(int))
-        some = replace(self, centre=self.centre[spread])
+        some = self.spread(_MOST_FOR_LEVEL)
         return float(1.0 / np.sqrt(np.linalg.solve(some.covariance, np.ones(len(some))).sum()))
 
     def __len__(self) -> int:
