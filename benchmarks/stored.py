@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.writer import CONTENTS, TABLES, read_table
 from papers.code_closure import PACKAGES, ROOT, Code, ModuleParts, code_of_today
-from papers.provenance import FROM_HISTORY, KEY, git
+from papers.provenance import KEY, git
 from papers.studies import ABOUT, STUDIES
 from survey.core.documents import RECORD, read_record, write_record
 
@@ -32,6 +32,7 @@ FRESH, CHANGED, IN_PARTS, UNKNOWN = (
     "parts of other code",
     "code unknown",
 )
+FROM_HISTORY = "from history"
 _ABOUT_THE_RUN = (KEY, "remark", "remark_of")
 
 
