@@ -146,17 +146,23 @@ def _tables(stored: Iterable[Stored], states: Mapping[str, str]) -> str:
 
 
 def _remarks(stored: Iterable[Stored], states: Mapping[str, str]) -> str:
-    """Return the page of the remarks on stored runs."""
+    """Return the page of the remarks on stored runs, with the rows that miss their bar."""
     parts = [
-        "# Remarks on stored runs\n\nMissed bars, how runs were made, and what is older than today's code. Written by `make results`."
+        "# Remarks on stored runs\n\nHow runs were made, and which rows miss their bar. Written by `make results`."
     ]
     for one in stored:
-        texts = one.content.get("remark", ())
-        if texts:
-            older = one.content.get("remark_of")
-            written = [f"Written for the run of {older}, before this one."] if older else []
-            title = f"## {one.file.name if not one.is_study else one.name + '/'}\n{states.get(one.name, '')}"
-            parts.append("\n".join([title, "", *(f"- {text}" for text in [*written, *texts])]))
+        older = one.content.get("remark_of")
+        lines = [f"Written for the run of {older}, before this one."] if older else []
+        lines += one.content.get("remark", ())
+        for row in one.content.get("rows", ()):
+            if row["holds"] is False:
+                unit = "" if row["unit"] == "1" else f" {row['unit']}".rstrip()
+                lines.append(f"Missed: {row['name']}, {row['value']:.4g}{unit} for {row['bar']}")
+        if lines:
+            name = f"{one.name}/" if one.is_study else one.file.name
+            parts.append(
+                "\n".join([f"## {name}", f"{states.get(one.name, '')}", "", *(f"- {line}" for line in lines)])
+            )
     return "\n\n".join(parts) + "\n"
 
 

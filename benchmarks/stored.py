@@ -3,7 +3,8 @@
 ``python -m benchmarks.stored check`` lists what is stale (``make results-check``); ``page`` does that, keeps the list in
 ``results/checked.json`` and writes ``results/README.md`` (``make results``); ``history`` gives tables that were stored without a
 provenance the commit that stored them and the digest of the code of that commit, and computes digests of runs of committed
-code again; ``remark NAME TEXT ...`` puts a remark, one
+code again;
+``why NAME`` names the definitions that have changed since; ``remark NAME TEXT ...`` puts a remark, one
 text a sentence or two, on a table or a figure.
 """
 
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.writer import CONTENTS, TABLES, read_table
 from papers.code_closure import PACKAGES, ROOT, Code, ModuleParts, code_of_today
-from papers.provenance import FROM_HISTORY, KEY, git
+from papers.provenance import KEY, git
 from papers.studies import ABOUT, STUDIES
 from survey.core.documents import RECORD, read_record, write_record
 
@@ -31,6 +32,7 @@ FRESH, CHANGED, IN_PARTS, UNKNOWN = (
     "parts of other code",
     "code unknown",
 )
+FROM_HISTORY = "from history"
 _ABOUT_THE_RUN = (KEY, "remark", "remark_of")
 
 
@@ -80,7 +82,7 @@ class Stored:
 
     def restored(self, facts: Mapping[str, Any]) -> None:
         """Put facts about the run into the file."""
-        content = {**self.content, **facts}
+        content = {key: value for key, value in {**self.content, **facts}.items() if value is not None}
         if self.is_study:
             if self.file.exists():
                 read_record(self.file.parent)  # which refuses changed files: their checksums would be lost
@@ -202,11 +204,7 @@ def fill_from_history() -> Iterator[str]:
     for one in every_stored():
         old = one.provenance
         if old:
-            code = (
-                blobs.code(str(old["commit"])).digest(old["of"])
-                if old["has_changes"] is False
-                else old["code"]
-            )
+            code = old["code"] if old["has_changes"] else blobs.code(str(old["commit"])).digest(old["of"])
             if code != old["code"]:
                 one.restored({KEY: {**old, "code": code}})
                 yield f"{one.name}: {old['commit']}, code {code}, as digests are computed now"
@@ -234,14 +232,31 @@ def fill_from_history() -> Iterator[str]:
         yield f"{one.name}: {stored.commit[:12]} of {stored.date}, code {code or 'unknown'}"
 
 
+def changes(one: Stored) -> Iterator[str]:
+    """Yield the definitions that a stored run depends on and that have changed since its commit."""
+    facts = one.provenance
+    if not facts.get("commit") or facts["has_changes"]:
+        raise SystemExit(f"{one.name} is not of committed code, so that nothing can be compared.")
+    old, new = (
+        _Blobs().code(str(facts["commit"])).definitions(facts["of"]),
+        code_of_today().definitions(one.of),
+    )
+    for name in sorted(old.keys() | new.keys()):
+        if old.get(name) != new.get(name):
+            yield f"{name}: {'changed' if name in old and name in new else 'new' if name in new else 'gone'}"
+
+
 def set_remark(name: str, texts: Sequence[str]) -> None:
     """Put a remark on what is stored under a name."""
+    find(name).restored({"remark": list(texts), "remark_of": None})
+
+
+def find(name: str) -> Stored:
+    """Return what is stored under a name."""
     one = next((one for one in every_stored() if one.name == name), None)
     if one is None:
         raise SystemExit(f"nothing is stored under the name {name!r}; `results/README.md` lists all names.")
-    content = one.content
-    content.pop("remark_of", None)
-    one.restored({"remark": list(texts)})
+    return one
 
 
 def main(words: Sequence[str]) -> None:
@@ -253,6 +268,8 @@ def main(words: Sequence[str]) -> None:
             print(line, flush=True)
     elif words[:1] == ["remark"] and len(words) > 2:
         set_remark(words[1], words[2:])
+    elif words[:1] == ["why"] and len(words) == 2:
+        print("\n".join(changes(find(words[1]))))
     elif list(words) in (["check"], ["page"]):
         states = check()
         for name, state in states.items():

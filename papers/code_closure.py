@@ -262,11 +262,18 @@ class Code:
 
     def digest(self, start: str) -> str | None:
         """Return the digest of what ``module:function`` reaches, 16 hexadecimal digits; none where the code does not have it."""
-        if not self.has(start):
-            return None
-        module, _, name = start.partition(":")
-        texts = sorted(text for place in self.reached((module, name)) for text in self._digested(*place))
-        return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
+        found = self.definitions(start)
+        texts = sorted(text for each in found.values() for text in each)
+        return hashlib.sha256(b"".join(texts)).hexdigest()[:16] if found else None
+
+    def definitions(self, start: str) -> dict[str, list[bytes]]:
+        """Return what ``module:function`` reaches: texts that stand for each definition, by its name; nothing where it is not there."""
+        found: dict[str, list[bytes]] = defaultdict(list)
+        if self.has(start):
+            module, _, name = start.partition(":")
+            for place in sorted(self.reached((module, name))):
+                found[place[1] or f"statements of {place[0]}"] += self._digested(*place)
+        return found
 
     def _digested(self, module: str, name: str) -> Iterator[bytes]:
         """Yield the name of a part, what it holds, and what its names mean in other projects; not where it lies in this one."""

@@ -19,7 +19,7 @@ from typing import Any
 from papers.code_closure import PACKAGES, ROOT, code_of_today
 
 KEY = "provenance"
-MEASURED, FROM_HISTORY = "measured", "from history"
+MEASURED = "measured"
 
 
 @dataclass(frozen=True)

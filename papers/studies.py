@@ -119,7 +119,7 @@ LONG: dict[str, str] = {
 
 def listed(name: str) -> str:
     """Return a study's name, what it makes, and the CPU time that it takes in full depth."""
-    title, minutes = ABOUT[name]
+    title, minutes = ABOUT[name].title, ABOUT[name].cpu_min
     if minutes is None:
         return f"{name:<24}{title}"
     time = f"{max(60.0 * minutes, 1.0):.0f} s" if minutes < 1.5 else f"{minutes:.0f} min"
