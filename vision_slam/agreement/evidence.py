@@ -1,6 +1,6 @@
 """Fits of assumed errors by the evidence of the smoother (empirical Bayes, type-II maximum likelihood).
 
-`fitted_errors` raises the errors of the odometry level by level while the log evidence grows; `fitted_memory_s` and
+`white_error_m` measures the independent error of fixes. `fitted_errors` raises the errors of the odometry level by level while the log evidence grows; `fitted_memory_s` and
 `fitted_turn_sigma_m` fit the correlation time of the fixes and the errors of turns. `reconcile` applies them where odometry
 and fixes disagree beyond both claims, and chooses the fixes to use. `is_worse_than_fixes` tests by cross-validation whether
 odometry predicts fixes worse than their neighbours do; `along_fixes` then replaces it by lines between the fixes.
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from survey.core import BoolArray, FloatArray
 from survey.data.recording import OdometryRecording
@@ -21,6 +22,8 @@ from vision_slam.fusion.error_terms import stated_errors
 from vision_slam.fusion.online import OnlinePath, select_fixes
 from vision_slam.fusion.smoother import log_evidence, node_spacing_m, smooth
 from vision_slam.motion import GyroErrors
+
+ComplexArray = npt.NDArray[np.complex128]
 
 # Errors that are tried, by setting, from the assumed ones upwards.
 _LEVELS: dict[str, tuple[float, ...]] = {
@@ -108,6 +111,50 @@ def fitted_memory_s(recording: OdometryRecording, path: FloatArray, config: Loca
         if found > best:
             best_s, best = trial_s, found
     return best_s
+
+
+# Fixes of a window about which the path is turned and scaled, the least time between them and the longest of a window [s],
+# and the fewest windows.
+_IN_WINDOW, _LEAST_APART_S, _LONGEST_WINDOW_S, _LEAST_WINDOWS = 5, 0.9, 20.0, 2
+
+
+def white_error_m(recording: OdometryRecording, path: FloatArray) -> float | None:
+    r"""Return the independent horizontal error of each fix by their second differences about the path [m].
+
+    The path is moved, turned and scaled to the fixes of each window of five, so that neither an unknown heading nor a
+    scale that drifts counts. What is left, d, then varies over seconds by the receiver alone:
+
+    .. math::  \sigma^2 = \frac{\mathrm{median} |d_{i-1} - 2 d_i + d_{i+1}|^2}{12 \log 2}
+
+    for complex d whose parts have the variance σ²: squares of second differences are exponentially distributed with the mean
+    12 σ². The median leaves out outliers. Errors that last longer than some seconds are not seen.
+
+    `path` (N, 3): dead-reckoned positions [m]. None where fixes are few or far apart.
+    """
+    time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
+    gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
+    if len(gps) < _IN_WINDOW:
+        return None
+    x, y = (np.interp(gps.time_s, poses_s, axis) for axis in path[:, :2].T)
+    fixes, by_path = gps.position[:, 0] + 1.0j * gps.position[:, 1], x + 1.0j * y
+    every = max(int(np.ceil(_LEAST_APART_S / np.median(np.diff(gps.time_s)))), 1)
+    squared = []
+    for first in range(len(gps) - (_IN_WINDOW - 1) * every):
+        window = slice(first, first + _IN_WINDOW * every, every)
+        if np.ptp(gps.time_s[window]) <= _LONGEST_WINDOW_S:
+            left = _left_by_similarity(fixes[window], by_path[window])
+            squared.append(np.abs(np.diff(left, n=2)) ** 2)
+    return (
+        float(np.sqrt(np.median(squared) / (12.0 * np.log(2.0)))) if len(squared) >= _LEAST_WINDOWS else None
+    )
+
+
+def _left_by_similarity(places: ComplexArray, others: ComplexArray) -> ComplexArray:
+    """Return what is left of places (N,) after the best similarity of others (N,); x + i y [m]."""
+    places, others = places - places.mean(), others - others.mean()
+    extent = float(np.vdot(others, others).real)
+    left: ComplexArray = places - (np.vdot(others, places) / extent if extent > 0.0 else 0.0) * others
+    return left
 
 
 def fitted_turn_sigma_m(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:

@@ -22,6 +22,7 @@ from vision_slam.agreement.evidence import (
     fitted_turn_sigma_m,
     is_worse_than_fixes,
     reconcile,
+    white_error_m,
 )
 from vision_slam.agreement.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
 from vision_slam.agreement.scale import fit_scale, refuse_other_wheel_scale, scale_visual_odometry, tilt_note
@@ -33,6 +34,7 @@ from vision_slam.places.loop_closures import detect_loop_closures
 from vision_slam.places.relocalization import align_heading
 
 _CLOCK_SIGMAS = 2.0
+_SCATTERED = 1.5  # scatter of fixes over the assumed independent error, beyond which it is used
 _FARTHEST_M = 1e5  # farther than a rover drives in one recording
 
 
@@ -76,6 +78,25 @@ def drop_fixes_in_gaps(drive: Drive) -> Drive:
     return without.noted(
         f"nothing bridges {int(is_gap.sum())} gaps between images (the longest of {np.diff(path_s)[is_gap].max():.1f} s); the "
         f"path is not estimated there, and {int(inside.sum())} fixes within were left out"
+    )
+
+
+def widen_white_errors(drive: Drive) -> Drive:
+    """Take a larger independent error of the fixes where they scatter so about the path and nobody states their errors.
+
+    Odometry would be blamed for it otherwise.
+    """
+    recording, config = drive.recording, drive.config
+    is_stated = recording.gps.sigma_m is not None or "gps_white_sigma_m" in config.model_fields_set
+    if is_stated or recording.start_is_surveyed:
+        return drive
+    found_m = white_error_m(recording, drive.path)
+    if found_m is None or found_m <= _SCATTERED * config.gps_white_sigma_m:
+        return drive
+    widened = replace(drive, config=config.model_copy(update={"gps_white_sigma_m": found_m}))
+    return widened.noted(
+        f"the fixes scatter by {found_m:.1f} m (1 σ) from second to second, {found_m / config.gps_white_sigma_m:.0f} times what "
+        "was assumed: this error was used; --set localization.gps_white_sigma_m states it"
     )
 
 
@@ -274,6 +295,7 @@ STEPS: tuple[Callable[[Drive], Drive], ...] = (
     drop_far_fixes,
     drop_repeated_fixes,
     drop_fixes_in_gaps,
+    widen_white_errors,
     check_shape,
     scale_to_fixes,
     check_start,
@@ -287,6 +309,7 @@ STEPS: tuple[Callable[[Drive], Drive], ...] = (
 )
 """From measured motion to what the batch smoother takes.
 
-Far and repeated fixes are removed before anything is fitted to fixes. The scale is fitted before start and heading, and
+Far and repeated fixes are removed before anything is fitted to fixes, and their own scatter is known before odometry is
+blamed. The scale is fitted before start and heading, and
 these before the delay, whose evidence takes the path as aligned. Memory and turn errors are fitted to the fixes that remain.
 """

@@ -12,12 +12,15 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry, Sightings
 from survey.data.sensors.records import GpsFixes, Inertial
 from vision_slam.agreement import evidence
+from vision_slam.agreement.drive import Drive
 from vision_slam.agreement.evidence import (
     agrees_better_delayed,
     fitted_memory_s,
     fitted_turn_sigma_m,
     reconcile,
+    white_error_m,
 )
+from vision_slam.agreement.steps import widen_white_errors
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
@@ -234,3 +237,40 @@ def test_a_path_of_no_certain_place_admits_no_refused_fix(
     monkeypatch.setattr(evidence, "smooth", lambda *_: replace(smoothed, position=aside, covariance=wide))
     used = np.arange(101) < 100
     np.testing.assert_array_equal(evidence._readmitted(recording, path, RTK, used), used)
+
+
+def _scattered(sigma_m: float, rate_hz: float = 1.0) -> tuple[OdometryRecording, FloatArray]:
+    """The hook with fixes of an independent error and one that lasts, some far off; odometry 20 % short and turned by 50°."""
+    recording, path = _hook()
+    rng = np.random.default_rng(3)
+    time_s = np.arange(0.0, 100.0 + 1e-6, 1.0 / rate_hz)
+    fixes = np.column_stack([np.interp(time_s, recording.odometry.time_s, axis) for axis in path.T])
+    fixes += sigma_m * rng.standard_normal(fixes.shape)
+    fixes += gauss_markov(np.diff(time_s), 120.0, 2.0, rng, 3)
+    fixes[:: len(fixes) // 2] += 60.0
+    turn = np.array([[0.64, -0.77, 0.0], [0.77, 0.64, 0.0], [0.0, 0.0, 1.0]])
+    given = replace(recording, gps=GpsFixes(time_s, fixes), start_is_surveyed=False)
+    return given, 0.8 * path @ turn.T
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0])
+@pytest.mark.parametrize("sigma_m", [0.5, 3.0])
+def test_the_scatter_of_fixes_is_measured_about_odometry_of_any_heading_and_scale(
+    sigma_m: float, rate_hz: float
+) -> None:
+    assert white_error_m(*_scattered(sigma_m, rate_hz)) == pytest.approx(sigma_m, rel=0.25)
+
+
+def test_fixes_that_scatter_are_not_blamed_on_the_odometry() -> None:
+    assumed = LocalizationConfig(start="unknown")
+    drive = widen_white_errors(Drive(_scattered(3.0)[0], assumed))
+    assert drive.config.gps_white_sigma_m == pytest.approx(3.0, rel=0.25)
+    assert "from second to second" in drive.notes[0]
+
+
+def test_errors_of_fixes_that_are_stated_are_left_as_they_are() -> None:
+    stated = LocalizationConfig(start="unknown", gps_white_sigma_m=0.5)
+    drive = Drive(_scattered(3.0)[0], stated)
+    assert widen_white_errors(drive) is drive
+    few = Drive(select_fixes(drive.recording, np.arange(101) < 5), LocalizationConfig(start="unknown"))
+    assert widen_white_errors(few) is few
