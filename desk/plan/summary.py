@@ -12,7 +12,7 @@ from desk.plan.request import command_of
 from desk.terrain.pyramid import ElevationPyramid, heights_at
 from desk.terrain.shading import DEVIATION, colour_limit
 from desk.terrain.tiles import picture
-from firnline.actions.plan_request import fact_texts
+from firnline.actions.plan_texts import fact_texts
 from firnline.actions.planning import AreaPlan
 from planners.routes.rover import Rover, energy_per_metre
 from planners.swaths.reference_lines import swaths_text

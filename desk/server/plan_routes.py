@@ -168,7 +168,7 @@ def remove(request: Request) -> Response:
 
 def _row(workspace: Workspace, variant: Variant) -> dict[str, Any]:
     """Return the numbers of a variant, or why it is refused."""
-    from firnline.actions.plan_request import fact_texts
+    from firnline.actions.plan_texts import fact_texts
 
     content = {"name": variant.name, "document": variant.document.model_dump(mode="json")}
     try:
