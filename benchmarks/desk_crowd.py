@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from desk.plan.document import PlanDocument
-from desk.plan.history import History, OutdatedError
+from desk.plan.history import OutdatedError
 from desk.plan.history_file import StoredHistory, read_history
 
 
@@ -26,7 +26,7 @@ def set_stakes(file: Path, first: int, n: int) -> Iterator[int]:
 
     An edit that is refused, because another desk changed the plan, is made anew of the plan as it is then.
     """
-    store = StoredHistory(file, History.of(PlanDocument(), "site.tif"))
+    store = StoredHistory(file, PlanDocument(), "site.tif")
     for number in range(first, first + n):
         while True:
             stakes = (*store.document.stakes, (float(number), 0.0))

@@ -5,25 +5,19 @@ import os
 import tempfile
 from contextlib import ExitStack
 from functools import cached_property
-from io import BytesIO
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
-from zipfile import ZipFile
 
 from pyproj import CRS
 
 from desk.jobs.job import Jobs
 from desk.plan.document import PlanDocument
-from desk.plan.history import History
 from desk.plan.history_file import SUFFIX, StoredHistory, read_history
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from firnline.actions.interface import own_crs
 from survey import Dem, InputError, SurveyArea
-from survey.core import CapacityError, refusing_damage, write_bytes
-from survey.core.files import existing_file, read_bytes
-from survey.core.map_scale import MapScale
 
 if TYPE_CHECKING:
     from desk.plan.live import LivePlanner
@@ -55,12 +49,11 @@ class Workspace:
         pyramid = self._files.enter_context(ElevationPyramid(projected))
         self.tiles = TerrainTiles(pyramid)
         self.crs: CRS = pyramid.crs
-        begun = History.of(first, terrain.name, *origin)
-        self.store = StoredHistory(plan_file, begun)
-        self.notice = _CHANGED.format(Path(begun.source).name) if self.store.renew(begun) else ""
+        self.store = StoredHistory(plan_file, first, terrain.name, *origin)
+        self.notice = _CHANGED.format(Path(origin[0]).name) if self.store.renew() else ""
         self.jobs = Jobs()
         self.n_streams = 0
-        self.map_scale = MapScale.over(self.crs, pyramid.bounds).linear.mean
+        self.map_scale = pyramid.map_scale
 
     def __enter__(self) -> Self:
         return self
@@ -103,7 +96,9 @@ def open_workspace(source: Path | None, folder: Path) -> Workspace:
     """Open what the command names."""
     source = source or _latest_plan(folder)
     if source.suffix == ".zip":
-        source = _unpacked(source, folder)
+        from desk.plan.exports import unpacked_plan
+
+        source = unpacked_plan(source, folder)
     if source.name.endswith(SUFFIX):
         history = read_history(source)
         return Workspace(source.parent / Path(history.terrain).name, source, history.document)
@@ -130,29 +125,6 @@ def _plan_file(stem: Path, terrain: str, source: str = "") -> Path:
         if begun.source == source if begun.source else begun.terrain == terrain:
             break
     return file
-
-
-_LARGEST_SHARED_BYTES = 512 * 2**20
-
-
-def _unpacked(source: Path, folder: Path) -> Path:
-    """Unpack a plan that was shared into a folder of its name, and return its file; what is there already stays."""
-    content = read_bytes(existing_file(source, "the shared plan"), "the shared plan", _LARGEST_SHARED_BYTES)
-    place = folder / source.name.removesuffix(".zip").removesuffix(".desk")
-    with refusing_damage(str(source), "plan of the desk"), ZipFile(BytesIO(content)) as archive:
-        names = archive.namelist()
-        (plan,) = (name for name in names if name.endswith(SUFFIX))
-        if any(Path(name).name != name for name in names) or len(names) != 2:
-            raise ValueError("a plan and its terrain were expected")
-        if sum(entry.file_size for entry in archive.infolist()) > _LARGEST_SHARED_BYTES:
-            raise CapacityError(
-                f"{source} holds more than {_LARGEST_SHARED_BYTES // 2**20} MB; open the plan itself."
-            )
-        place.mkdir(exist_ok=True)
-        for name in names:
-            if not (place / name).exists():
-                write_bytes(place / name, archive.read(name))
-    return place / plan
 
 
 def _latest_plan(folder: Path) -> Path:
@@ -246,5 +218,5 @@ def write_demo(folder: Path) -> Path:
         bounds = (west - 200.0, south - 200.0, east + 200.0, north + 200.0)
         area = SurveyArea.rectangle(bounds, site.prior.crs)
         document = PlanDocument.of_area(area).model_copy(update={"starts": ((west - 150.0, south - 150.0),)})
-        StoredHistory(plan_file, History.of(document, terrain.name)).write()
+        StoredHistory(plan_file, document, terrain.name).write()
     return plan_file

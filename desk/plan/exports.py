@@ -16,7 +16,6 @@ import tomlkit
 from pydantic import Field
 
 from desk.plan.document import PlanDocument
-from desk.plan.history import History
 from desk.plan.history_file import SUFFIX, StoredHistory
 from desk.plan.live import LivePlan
 from desk.plan.request import request_of
@@ -25,7 +24,8 @@ from firnline.actions.interface import read_about
 from firnline.actions.plan_request import write_plan as write_outputs
 from sim.config.mission import MissionConfig
 from survey import Dem, InputError, Route, SurveyArea
-from survey.core import FloatArray, Section, replacing, validated
+from survey.core import CapacityError, FloatArray, Section, refusing_damage, replacing, validated, write_bytes
+from survey.core.files import existing_file, read_bytes
 from survey.core.transformation import WGS84, transformed
 from survey.interchange.missions import Surroundings
 from survey.io.vector import require_transformation, write_features
@@ -238,8 +238,8 @@ class PlanExport(NamedTuple):
             terrain.write_bytes(self.terrain.read_bytes())
         elif prior is not None:
             prior.write(terrain)
-        begun = History.of(self.document.model_copy(update={"measured": {}}), terrain.name)
-        StoredHistory(folder / f"{self.name}{SUFFIX}", begun).write()
+        document = self.document.model_copy(update={"measured": {}})
+        StoredHistory(folder / f"{self.name}{SUFFIX}", document, terrain.name).write()
 
     def _write_sigma(self, file: Path) -> None:
         drawing = self.live.plan.drawing
@@ -266,3 +266,26 @@ def _packed(folder: Path, files: Sequence[Path]) -> bytes:
             entry = zipfile.ZipInfo(file.relative_to(folder).as_posix(), _ZIP_DATE)
             archive.writestr(entry, file.read_bytes(), zipfile.ZIP_DEFLATED)
     return buffer.getvalue()
+
+
+_LARGEST_UNPACKED_BYTES = 512 * 2**20
+
+
+def unpacked_plan(source: Path, folder: Path) -> Path:
+    """Unpack a plan that was shared into a folder of its name, and return its file; what is there already stays."""
+    content = read_bytes(existing_file(source, "the shared plan"), "the shared plan", _LARGEST_UNPACKED_BYTES)
+    place = folder / source.name.removesuffix(".zip").removesuffix(".desk")
+    with refusing_damage(str(source), "plan of the desk"), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = archive.namelist()
+        (plan,) = (name for name in names if name.endswith(SUFFIX))
+        if any(Path(name).name != name for name in names) or len(names) != 2:
+            raise ValueError("a plan and its terrain were expected")
+        if sum(entry.file_size for entry in archive.infolist()) > _LARGEST_UNPACKED_BYTES:
+            raise CapacityError(
+                f"{source} holds more than {_LARGEST_UNPACKED_BYTES // 2**20} MB; open the plan itself."
+            )
+        place.mkdir(exist_ok=True)
+        for name in names:
+            if not (place / name).exists():
+                write_bytes(place / name, archive.read(name))
+    return place / plan

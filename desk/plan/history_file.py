@@ -220,17 +220,19 @@ Stamp = tuple[int, int, int]
 class StoredHistory:
     """History that is appended to its file at each change.
 
-    `path`: the file, ``.desk.json``, of one JSON object a line. It is written with the first edit. `first`: history to
-    begin with where there is no file. A file that another program changed is read again, and the edit refused.
+    `path`: the file, ``.desk.json``, of one JSON object a line. It is written with the first edit. `first`: document
+    to begin with where there is no file, with the terrain and source of `History`. A file that another program changed is read again, and the edit refused.
     """
 
-    def __init__(self, path: Path, first: History) -> None:
+    def __init__(
+        self, path: Path, first: PlanDocument, terrain: str = "", source: str = "", source_sha256: str = ""
+    ) -> None:
         self.path = path
         self.revision = 0
         self._lock = Lock()
         self._n_lines = self._n_bytes = 0
         self._stamp: Stamp | None = None
-        self._history = first
+        self._first = self._history = History.of(first, terrain, source, source_sha256)
         if path.exists():
             self._read()
 
@@ -244,15 +246,18 @@ class StoredHistory:
         """The document that is shown."""
         return self._history.document
 
-    def renew(self, first: History) -> bool:
+    def renew(self) -> bool:
         """Take up a source that has changed as a further step; return whether it has.
 
         The step is written with the first edit.
         """
-        if not self.path.exists() or self._history.source_sha256 == first.source_sha256:
+        is_known = self._first.source_sha256 in ("", self._history.source_sha256)
+        if is_known or not self.path.exists():
             return False
-        about = {name: getattr(first, name) for name in ("terrain", "source", "source_sha256")}
-        renewed = self._history.edited(f"Open {Path(first.source).name} as it is now", first.document)
+        about = {name: getattr(self._first, name) for name in ("terrain", "source", "source_sha256")}
+        renewed = self._history.edited(
+            f"Open {Path(self._first.source).name} as it is now", self._first.document
+        )
         self._history = renewed.model_copy(update=about)
         self._n_lines = _MOST_LINES
         return True

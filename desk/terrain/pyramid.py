@@ -11,6 +11,7 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core import Bounds, FloatArray, InputError, projected_crs
+from survey.core.map_scale import MapScale
 from survey.io.raster import read_window
 from survey.io.raster.opening import check_band, check_transform, open_dataset
 
@@ -109,6 +110,11 @@ class ElevationPyramid:
     def step_m(self) -> float:
         """Width of a cell of level 0 [m]."""
         return float(self.transform.a)
+
+    @property
+    def map_scale(self) -> float:
+        """Mean length in the CRS of a metre on the ground."""
+        return MapScale.over(self.crs, self.bounds).linear.mean
 
     @property
     def bounds(self) -> Bounds:

@@ -84,7 +84,7 @@ def desk(
     source: Annotated[
         Path | None,
         typer.Argument(
-            help="Raster of prior elevations, plan of the desk (.desk.json), mission file (.toml) or run folder; "
+            help="Raster of prior elevations, plan of the desk (.desk.json, .desk.zip), mission file (.toml) or run folder; "
             "the latest plan of this folder when left out."
         ),
     ] = None,

@@ -104,6 +104,9 @@ def test_a_mission_that_was_edited_is_shown_as_it_is_now_and_the_drawn_plan_by_u
     with open_workspace(tmp_path / "small.toml", tmp_path) as desk:
         assert desk.store.document == drawn
         assert not desk.notice
+    with open_workspace(tmp_path / "small.desk.json", tmp_path) as desk:
+        assert desk.store.document == drawn
+        assert not desk.notice
     edited_mission(tmp_path, "swaths = 3", "swaths = 17")
     edited_mission(tmp_path, "length_scale_m = 60.0", "length_scale_m = 40.0")
     with open_workspace(tmp_path / "small.toml", tmp_path) as desk:

@@ -175,7 +175,7 @@ def test_variants_stand_side_by_side(opened):
     ],
 )
 def test_a_file_is_saved_with_the_bytes_of_the_commands(opened, kind, tmp_path):
-    from desk.plan.exports import PlanExport
+    from desk.plan.exports import MissionOptions, PlanExport
 
     opened.tab("files")
     with opened.page.expect_download() as download:
@@ -184,7 +184,9 @@ def test_a_file_is_saved_with_the_bytes_of_the_commands(opened, kind, tmp_path):
     download.value.save_as(saved)
     work = opened.server.workspace
     document = work.store.document
-    expected = PlanExport(work.planner.exact(document), document, work.name, work.terrain).file(kind)
+    live = work.planner.exact(document)
+    missions = MissionOptions(speed_m_s=live.plan.rover.speed_m_s)  # what the page offers at first
+    expected = PlanExport(live, document, work.name, work.terrain, missions).file(kind)
     assert saved.name == expected.name
     assert _content(saved.read_bytes()) == _content(expected.content)
 
@@ -216,7 +218,7 @@ def test_the_command_beside_the_plan_is_that_of_its_settings(opened):
     opened.tab("files")
     opened.wait_for(lambda: "rover.max_roll_deg=20" in opened.page.inner_text("#command"), "command")
     assert opened.page.inner_text("#command").startswith(
-        "firnline plan hills.gpkg --prior hills.tif --pattern lawnmower --swaths 4"
+        "firnline plan hills_area.gpkg --prior hills.tif --pattern lawnmower --swaths 4"
     )
 
 

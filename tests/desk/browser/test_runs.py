@@ -89,6 +89,7 @@ def test_a_wrong_file_of_measurements_is_refused(opened, tmp_path):
 
 def test_checkpoints_are_proposed_and_undone(opened):
     opened.tab("shapes")
+    opened.page.click("#page-shapes summary")
     opened.page.click("#propose-checkpoints")
     opened.wait_for_revision(1)
     assert len(opened.document["checkpoints"]) == 30

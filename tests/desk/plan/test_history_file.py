@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from desk.plan.document import PlanDocument
-from desk.plan.history import MOST_STEPS, History, OutdatedError
+from desk.plan.history import MOST_STEPS, OutdatedError
 from desk.plan.history_file import HeldError, StoredHistory, held, read_history
 from survey.core.errors import ConfigError, InputError
 
@@ -24,7 +24,7 @@ def file(tmp_path):
 
 
 def opened(file) -> StoredHistory:
-    return StoredHistory(file, History.of(DRAWN, "site.tif"))
+    return StoredHistory(file, DRAWN, "site.tif")
 
 
 def moved(document: PlanDocument, corner: int, metres: float) -> PlanDocument:
@@ -80,7 +80,7 @@ def test_what_was_done_is_read_back(file):
 def test_an_edit_appends_what_it_changes(file):
     angles = np.linspace(0.0, 2.0 * np.pi, 19_000, endpoint=False)
     ring = tuple(zip(np.cos(angles).tolist(), np.sin(angles).tolist(), strict=True))
-    store = StoredHistory(file, History.of(PlanDocument(areas=((ring,),)), "site.tif"))
+    store = StoredHistory(file, PlanDocument(areas=((ring,),)), "site.tif")
     store.write()
     before = file.stat().st_size
     for k in range(200):
