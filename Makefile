@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Every process would compile all modules again where the environment forbids stored bytecode.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-long test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check docs
+.PHONY: demo test test-long test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check results results-check docs
 
 # The demo needs the packages of firnline alone, not those of its tests; an environment of the tests serves as well.
 demo: $(if $(wildcard $(VENV)/.ready),$(VENV)/.ready,$(VENV)/.demo)
@@ -51,6 +51,14 @@ types: $(VENV)/.ready
 
 imports: $(VENV)/.ready
 	$(BIN)/lint-imports
+
+# Which stored tables and figures are not of today's code, within a minute.
+results-check: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.stored check
+
+# The same, and the page of results written again.
+results: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.stored page
 
 check: lint types imports test test-long test-walkthroughs
 

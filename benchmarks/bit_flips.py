@@ -18,6 +18,7 @@ import numpy as np
 
 import survey
 from benchmarks.small_inputs import STUDY
+from benchmarks.writer import TABLES, Run
 from firnline.actions.runs import logged_to
 from papers.studies import is_complete, record
 from sim.config.mission import MissionConfig
@@ -33,7 +34,7 @@ from survey.core.run_folder import STAGES, RunFolder
 from survey.data.path_error import PathError
 from survey.io.arrays_file import read_npz, write_npz
 
-RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "bit_flips.json"
+RESULT = TABLES / "bit_flips.json"
 MISSION = {
     "schema_version": 1,
     "name": "small",
@@ -172,6 +173,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flips", type=int, default=200, help="bits to flip in each group of files")
     n_flips = parser.parse_args().flips
+    run = Run.begin(main, RESULT)
     rng = np.random.default_rng(20261122)
     table: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as place:
@@ -193,7 +195,7 @@ def main() -> None:
         group: {name: counts[name] for name in ("refused", "same value", "other value")}
         for group, counts in table.items()
     }
-    RESULT.write_text(json.dumps({**content, "flips": rows}, indent=2) + "\n")
+    run.write({**content, "flips": rows})
 
 
 if __name__ == "__main__":

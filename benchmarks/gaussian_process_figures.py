@@ -6,7 +6,8 @@ import matplotlib as mpl
 import numpy as np
 
 from benchmarks.gaussian_process_peers import Points
-from benchmarks.report import RESULTS, cpu_seconds
+from benchmarks.report import cpu_seconds
+from benchmarks.writer import TABLES
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
 from survey.reconstruction.gp.kernels import SquaredExponential
@@ -46,8 +47,8 @@ def cost_figure(
         panel.grid(alpha=0.3, which="both")
     panels[0].set_ylabel("mean and std on 601 × 601 [CPU s]")
     panels[0].legend()
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    figure.savefig(RESULTS / "gaussian_process_cost.png", dpi=120, metadata={"Software": None})
+    TABLES.mkdir(parents=True, exist_ok=True)
+    figure.savefig(TABLES / "gaussian_process_cost.png", dpi=120, metadata={"Software": None})
     plt.close(figure)
 
 

@@ -15,22 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.writer import TABLES, Run
 from survey import Dem, Grid, SurfacePoints
 from survey.terrain import random_dem
 
 N_POINTS, SIDE_M, STEP_M, CELL_M = 1_000_000, 5000.0, 1.0, 5.0
 SIGMA_M = 0.1
 CRS = "EPSG:32608"
-RESULT = Path("results/benchmarks/large_reconstruction.json")
+RESULT = TABLES / "large_reconstruction.json"
 # Rough and smooth ground: one needs neighbourhoods, the other waves in tiles.
 FAMILIES = ("matern-3/2", "squared-exponential")
 
 
 def main() -> None:
     """Measure every family and write the result."""
-    measured = {family: measure(family) for family in FAMILIES}
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text(json.dumps(measured, indent=2) + "\n", encoding="utf-8")
+    run = Run.begin(main, RESULT)
+    run.write({family: measure(family) for family in FAMILIES})
     print(RESULT.read_text(encoding="utf-8"))
 
 

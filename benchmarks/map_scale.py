@@ -5,21 +5,20 @@ the route are those of the ground, so they have to agree within 0.3 % between ev
 to ``results/benchmarks/map_scale.json``.
 """
 
-import json
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 from pyproj import CRS, Geod, Transformer
 
+from benchmarks.writer import TABLES, Run
 from survey import Dem, Grid, Leg, Route
 from survey.core.arrays import FloatArray
 from survey.core.map_scale import scale_factors
 from survey.scoring import Change, change
 
-RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "map_scale.json"
+RESULT = TABLES / "map_scale.json"
 PROJECTIONS = ("EPSG:32610", "EPSG:3857", "EPSG:3413", "EPSG:3031")
 CENTRE = (-123.3, 61.0)
 BAR = 0.003
@@ -85,6 +84,7 @@ def largest_differences(found: dict[str, Measures]) -> dict[str, dict[str, float
 
 def main() -> None:
     """Measure the scene in every projection and store the table."""
+    run = Run.begin(main, RESULT)
     found = {crs: measured(crs) for crs in PROJECTIONS}
     differences = largest_differences(found)
     content = {
@@ -94,7 +94,7 @@ def main() -> None:
         "measures": {crs: measures._asdict() for crs, measures in found.items()},
         "differences": differences,
     }
-    RESULT.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    run.write(content)
     print(RESULT.read_text(encoding="utf-8"))
 
 

@@ -28,7 +28,9 @@ from xml.etree import ElementTree
 import numpy as np
 import rasterio
 
-RESULT = Path(__file__).parents[1] / "results" / "benchmarks" / "public_files.json"
+from benchmarks.writer import TABLES, Run, read_table
+
+RESULT = TABLES / "public_files.json"
 _LONGEST_S = 300.0
 
 Judge = Callable[[Path, Path], str]
@@ -344,7 +346,8 @@ def outcome(row: Row, file: Path) -> tuple[str, str]:
 def main() -> None:
     """Judge every file that is there, print and store the table."""
     folder = Path(sys.argv[1])
-    stored = json.loads(RESULT.read_text())["table"] if RESULT.exists() else []
+    run = Run.begin(main, RESULT)
+    stored = read_table(RESULT).get("table", [])
     known = {entry["file"]: entry["sha256"] for entry in stored}
     table: list[dict[str, Any]] = []
     for row in ROWS:
@@ -365,10 +368,7 @@ def main() -> None:
         )  # fmt: skip
         print(f"{found:10} {row.path}  {words[:200] if found.startswith('wrong') else ''}", flush=True)
     n_wrong = sum(entry["outcome"].startswith("wrong") for entry in table)
-    RESULT.write_text(
-        json.dumps({"files": len(table), "wrong": n_wrong, "table": table}, indent=2, ensure_ascii=False)
-        + "\n"
-    )
+    run.write({"files": len(table), "wrong": n_wrong, "table": table})
     print(f"{len(table)} files, {n_wrong} wrong")
     sys.exit(bool(n_wrong))
 

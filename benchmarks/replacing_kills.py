@@ -9,7 +9,6 @@ that a run lists has to hold the files that it listed. A command that ends befor
 
 import argparse
 import hashlib
-import json
 import random
 import tempfile
 import time
@@ -23,11 +22,12 @@ import numpy as np
 
 from benchmarks.fork_server import ForkServer
 from benchmarks.small_inputs import MISSION, STUDY, UTM
+from benchmarks.writer import TABLES, Run, read_table
 from survey import Dem, Grid, SurfacePoints, SurveyArea
 from survey.core.files import existing_file
 from survey.core.run_folder import RunFolder
 
-RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "replacing_kills.json"
+RESULT = TABLES / "replacing_kills.json"
 KILLED = 9
 _POLL_S = 0.0005
 OUTCOMES = ("output before", "new output", "companion absent", "other output")
@@ -274,16 +274,16 @@ def kills(trial: Trial, name: str, n_kills: int) -> Counter[str]:
     return counts
 
 
-def store(name: str, counts: Counter[str], n_kills: int) -> dict[str, int]:
+def store(run: Run, name: str, counts: Counter[str], n_kills: int) -> dict[str, int]:
     """Put the counts of a command into the stored table and return them; other commands stay as they are."""
-    stored = json.loads(RESULT.read_text()) if RESULT.exists() else {"kills": {}}
+    stored = read_table(RESULT) or {"kills": {}}
     row = {outcome: counts[outcome] for outcome in (*OUTCOMES, "ended before the kill")}
     rows = {**stored["kills"], name: row}
     content = {
         "command": f"python -m benchmarks.replacing_kills --kills {n_kills}",
         "kills": {command: rows[command] for command in COMMANDS if command in rows},
     }
-    RESULT.write_text(json.dumps(content, indent=2) + "\n")
+    run.write(content)
     return row
 
 
@@ -293,11 +293,12 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=50, help="kills of each command")
     parser.add_argument("--command", choices=COMMANDS, action="append", help="only this command")
     options = parser.parse_args()
+    run = Run.begin(main, RESULT)
     with tempfile.TemporaryDirectory() as place, prepared(Path(place)) as server:
         for name in options.command or COMMANDS:
             began = time.monotonic()
             trial = Trial(server, Path(place), COMMANDS[name])
-            row = store(name, kills(trial, name, options.kills), options.kills)
+            row = store(run, name, kills(trial, name, options.kills), options.kills)
             print(f"{name:<12} {time.monotonic() - began:6.1f} s  {row}", flush=True)
 
 

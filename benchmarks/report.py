@@ -1,11 +1,10 @@
 """The one form of every benchmark: a table, ``--json FILE`` and ``--quick``, with the machine named.
 
 A benchmark is a function of `quick` that yields rows.  Times are CPU seconds of one thread, ratios are taken
-within one process.
+within one process.  `benchmarks.writer` stores the table with its provenance.
 """
 
 import argparse
-import json
 import platform
 import resource
 import sys
@@ -14,13 +13,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-RESULTS = Path(__file__).parents[1] / "results" / "benchmarks"
+from benchmarks.writer import TABLES, Run
 
 T = TypeVar("T")
 
@@ -84,26 +83,23 @@ def main(
 ) -> None:
     """Run one benchmark from the command line; only the table of a complete run is stored in the results."""
     parser = argparse.ArgumentParser(description=title)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the rows to a file")
+    parser.add_argument(
+        "--json", metavar="FILE", type=Path, help="write the rows and their provenance to a file"
+    )
     parser.add_argument("--quick", action="store_true", help="smaller sizes, same bars, under 50 s")
     chosen = parser.parse_args(arguments)
+    file = TABLES / f"{title.lower().replace(' ', '_').replace('-', '_')}.json"
+    run = Run.begin(measure, file, quick=chosen.quick)
     start = time.perf_counter()
     with threadpool_limits(1):
         rows = [_announced(row) for row in measure(chosen.quick)]
     facts = machine(packages)
     _print(title, rows, facts, time.perf_counter() - start)
+    table = {"machine": facts, "rows": [asdict(row) for row in rows]}
     if chosen.json:
-        chosen.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8")
+        run.write(table, chosen.json)
     if is_complete and not chosen.quick:
-        save(title, rows, facts)
-
-
-def save(title: str, rows: Sequence[Row], facts: dict[str, str]) -> None:
-    """Keep the table of a full run in the results."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    name = title.lower().replace(" ", "_").replace("-", "_")
-    record: dict[str, Any] = {"machine": facts, "rows": [asdict(row) for row in rows]}
-    (RESULTS / f"{name}.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        run.write(table)
 
 
 def _announced(row: Row) -> Row:

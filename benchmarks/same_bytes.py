@@ -26,7 +26,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "same_bytes.json"
+from benchmarks.writer import TABLES, Run
+
+RESULT = TABLES / "same_bytes.json"
 FIGURES = ("glacier-tables", "glacier-fig6", "glacier-fig8", "glacier-fig9", "carving-fig3")
 MISSIONS = ("srtm_ridge", "short_drive")
 RECORDS = ("made.json", "manifest.json", "log.jsonl")
@@ -215,6 +217,7 @@ def main() -> None:
     )
     parser.add_argument("--parts", nargs="+", choices=(*FIGURES, *MISSIONS), default=(*FIGURES, *MISSIONS))
     options = parser.parse_args()
+    run = Run.begin(main, RESULT)
     rows = []
     for part in options.parts:
         made = []
@@ -226,7 +229,7 @@ def main() -> None:
     print_table(rows)
     if len(options.parts) == len(FIGURES + MISSIONS):
         commits = {name: commit(getattr(options, name).resolve()) for name in ("before", "after")}
-        RESULT.write_text(json.dumps({**commits, "parts": rows}, indent=2) + "\n")
+        run.write({**commits, "parts": rows})
 
 
 if __name__ == "__main__":

@@ -9,17 +9,28 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.report import Row
+from benchmarks.writer import current_run
+from papers.provenance import used_cpu_s
 
 ROOT = Path(__file__).parents[1]
 
 
 def stored(file: Path, make: Callable[[], Any]) -> Any:
-    """Return the facts of a part, computed where they are not stored yet."""
-    if not file.exists():
+    """Return the facts of a part, computed where they are not stored yet; its code and CPU time are stored beside it."""
+    run, beside = current_run(), file.with_suffix(".provenance")
+    is_earlier = file.exists()
+    if not is_earlier:
         file.parent.mkdir(parents=True, exist_ok=True)
         draft = file.with_suffix(".part")
+        began_s = used_cpu_s()
         draft.write_text(json.dumps(make()), encoding="utf-8")
+        if run is not None:
+            made = {"code": run.began.state.code, "cpu_s": round(used_cpu_s() - began_s, 1)}
+            beside.write_text(json.dumps(made), encoding="utf-8")
         draft.replace(file)
+    if run is not None:
+        facts = json.loads(beside.read_text(encoding="utf-8")) if beside.exists() else {}
+        run.part(file, facts, is_earlier=is_earlier)
     return json.loads(file.read_text(encoding="utf-8"))
 
 

@@ -7,15 +7,16 @@ checksums of its files; a study that is complete and unchanged is not run again.
 import difflib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
+from papers.provenance import KEY, Began, CodeState, kept_remark
 from survey.core import InputError, Progress, read_json
-from survey.core.documents import RECORD, read_record, write_record
+from survey.core.documents import RECORD, file_sha256, read_record, write_record
 from survey.core.files import write_refusal
 from survey.core.replacement import exchange, lock_folder, refuse_foreign
 
@@ -44,6 +45,7 @@ STUDIES: dict[str, str] = {
     "emap-fig1": "papers.emap.figures:figure_1",
     "emap-fig2": "papers.emap.figures:figure_2",
     "emap-table1": "papers.emap.figures:table_1",
+    "emap-sensitivity": "papers.emap.sensitivity:sensitivity",
     "emap-fig4": "papers.emap.figures:figure_4",
     "emap-fig5": "papers.emap.figures:figure_5",
     "emap-fig6": "papers.emap.figures:figure_6",
@@ -62,11 +64,66 @@ STUDIES: dict[str, str] = {
 }
 """Study name → its function as ``module:function``, in the order of the papers."""
 
+
+class About(NamedTuple):
+    """What a study makes, and the CPU time that it takes in full depth [min], where it was measured."""
+
+    title: str
+    cpu_min: float | None
+
+
+ABOUT: dict[str, About] = {
+    "glacier-fig4": About("Rendered ice beside photographs, as algorithms see it (Figs. 3 and 4)", 1.4),
+    "glacier-fig5": About(
+        "Maps of one traverse: mesh, Gaussian process, around the satellite's cells (Fig. 5)", None
+    ),
+    "glacier-fig6": About("The true terrain (Fig. 6)", 0.02),
+    "glacier-fig7": About("A piecewise-continuous path (Fig. 7)", 0.02),
+    "glacier-fig8": About("Coverage of four swaths: SCC, α, β (Fig. 8)", 0.01),
+    "glacier-tables": About("Map classes (Tables I to III)", 0.01),
+    "glacier-fig9": About("Distributions of landmarks that mislead (Fig. 9)", 0.01),
+    "glacier-fig10": About("Error against swaths, eleven families of terrain (Fig. 10)", None),
+    "glacier-fig11": About("Swaths that Class 3 needs (Fig. 11)", 0.9),
+    "glacier-fig12": About("Both surveys driven: paths and landmarks (Fig. 12)", 250.0),
+    "glacier-fig13": About("Both surveys driven: maps and errors (Fig. 13)", 250.0),
+    "glacier-hyperparameters": About("Hyperparameters of least error beside the paper's (Sec. II.D)", None),
+    "joint-map-comparison": About("Map and path as one estimate, beside the paper's method", None),
+    "emap-fig1": About("A surface and its reconstruction (Fig. 1)", 0.04),
+    "emap-fig2": About("Hits against distance (Fig. 2)", 0.02),
+    "emap-table1": About("Error beside OctoMap's, four scenarios (Table 1)", 1.7),
+    "emap-sensitivity": About("Table 1 under 72 settings that the paper leaves open", None),
+    "emap-fig4": About("Spread of raw errors over the nodes (Fig. 4)", 0.5),
+    "emap-fig5": About("Error along the drive, Gaussian scenario (Fig. 5)", 1.1),
+    "emap-fig6": About("Time against nodes (Fig. 6)", 0.1),
+    "emap-range": About("Effective range of the scanner (Eqs. 4 and 7)", 0.4),
+    "carving-fig3": About("Wu's kernel (Fig. 3)", 0.01),
+    "carving-fig5": About("A sine curve between two surfaces (Fig. 5)", 0.1),
+    "carving-table1": About("Error without and with lines of sight (Table I)", 0.7),
+    "carving-fig7": About("Surfaces of five terrains (Fig. 7)", 0.06),
+    "carving-fig8": About("Sections through surfaces and bounds (Fig. 8)", 0.04),
+    "carving-fig9": About("Sections behind obstacles (Fig. 9)", 0.02),
+    "carving-fig10": About("Contributions of points and lines of sight (Fig. 10)", 0.04),
+    "carving-fig11": About("Error against the number of points (Fig. 11)", 0.13),
+    "carving-fig12": About("Convergence (Fig. 12)", 0.07),
+    "carving-fig13": About("Downhill terrain seen from above (Fig. 13)", 0.02),
+    "carving-algorithm1": About("Algorithm 1 as printed, beside ours", 0.6),
+}
+"""Titles and times of all studies."""
+
 LONG: dict[str, str] = {
     "glacier-fig12": "ten surveys of about 2.7 km in images, about 25 minutes of CPU each; they continue where they were stopped",
     "glacier-fig13": "the same ten surveys, which are driven once",
 }
 """Studies that take more than half an hour, and why."""
+
+
+def listed(name: str) -> str:
+    """Return a study's name, what it makes, and the CPU time that it takes in full depth."""
+    title, minutes = ABOUT[name].title, ABOUT[name].cpu_min
+    if minutes is None:
+        return f"{name:<24}{title}"
+    time = f"{max(60.0 * minutes, 1.0):.0f} s" if minutes < 1.5 else f"{minutes:.0f} min"
+    return f"{name:<24}{title}, {time if minutes < 100.0 else f'{minutes / 60.0:.1f} h'} of CPU"
 
 
 def study(name: str) -> Study:
@@ -79,10 +136,12 @@ def study(name: str) -> Study:
     return cast("Study", getattr(import_module(module), function))
 
 
-def record(folder: Path, *, quick: bool) -> None:
-    """Record that a study is complete: the version and depth that made it, and the checksums of its files."""
+def record(folder: Path, *, quick: bool, facts: Mapping[str, Any], old: Mapping[str, Any]) -> None:
+    """Record that a study is complete: what made it, the checksums of its files, and the remark of the old record."""
     files = [path for path in folder.iterdir() if path.is_file() and path.name != RECORD]
-    write_record(folder, files, {"firnline": version("firnline"), "quick": quick})
+    is_same = {path.name: file_sha256(path) for path in files} == old.get("files_sha256")
+    about = {"firnline": version("firnline"), "quick": quick, **facts}
+    write_record(folder, files, about | kept_remark(old, is_same=is_same))
 
 
 def is_complete(folder: Path, *, quick: bool) -> bool:
@@ -105,10 +164,11 @@ def replacing_study(folder: Path, *, quick: bool) -> Iterator[Path]:
     """
     draft = folder.with_name(f"{folder.name}.unfinished{'-quick' if quick else ''}")
     refuse_foreign(folder, _own_files(folder))
+    began = Began.now(CodeState.of_today(STUDIES.get(folder.name, "")))
     with _locked(draft, folder):
         _remove_files(draft)
         yield draft
-        record(draft, quick=quick)
+        record(draft, quick=quick, facts={KEY: began.facts(quick=quick)}, old=_old_record(folder))
         refuse_foreign(folder, _own_files(folder))
         finished = folder.with_name(f".{folder.name}.draft")
         shutil.rmtree(finished, ignore_errors=True)
@@ -142,7 +202,9 @@ def _remove_files(draft: Path) -> None:
 
 def _own_files(folder: Path) -> set[str]:
     """Return the names of the files that the record of a study lists, and of the record."""
-    if not (folder / RECORD).exists():
-        return set()
-    listed = read_json(folder / RECORD, "the record of the folder").get("files_sha256", {})
-    return {RECORD, *listed}
+    return {RECORD, *_old_record(folder).get("files_sha256", {})}
+
+
+def _old_record(folder: Path) -> dict[str, Any]:
+    """Return the record of a study, without a check of its files; nothing where there is none."""
+    return read_json(folder / RECORD, "the record of the folder") if (folder / RECORD).exists() else {}

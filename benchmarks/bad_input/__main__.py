@@ -37,11 +37,12 @@ from benchmarks.bad_input.settings import setting_cases
 from benchmarks.bad_input.surveys import survey_cases
 from benchmarks.bad_input.tables import table_cases
 from benchmarks.bad_input.vectors import vector_cases
+from benchmarks.writer import TABLES, Run
 
 LONGEST_S, LARGEST_BYTES = 30.0, 4 * 10**9
 _ADDRESS_SPACE_BYTES = 12 * 10**9
 _REFUSED = {2, 3, 4, 5}
-RESULT = Path(__file__).parents[2] / "results" / "benchmarks" / "bad_input.json"
+RESULT = TABLES / "bad_input.json"
 
 
 def _in_child(case: Case, folder: Path) -> None:
@@ -173,6 +174,7 @@ def main() -> None:
     parser.add_argument("--show", action="store_true", help="print every refusal")
     parser.add_argument("--workers", type=int, default=2, help="cases that run at once")
     given = parser.parse_args()
+    run = Run.begin(main, RESULT)
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[variable] = "1"
     _warm_up()
@@ -198,7 +200,7 @@ def main() -> None:
     }
     print(json.dumps({**table, "faults": len(faults)}, indent=2))
     if not given.only:
-        RESULT.write_text(json.dumps(table, indent=2) + "\n")
+        run.write(table)
     sys.exit(bool(faults))
 
 

@@ -24,7 +24,8 @@ from benchmarks.gridders_on_real_ground.gridders import MATERN, PEERS
 from benchmarks.gridders_on_real_ground.scores import Half, Judged, Score, cases, judged, missing
 from benchmarks.gridders_on_real_ground.surveys import LINES, N_NODES, NOISE_M, SCATTERED
 from benchmarks.promise_on_real_ground.windows import FOLDER, SEED, fine_dem, windows
-from benchmarks.report import RESULTS, Row, fastest, main
+from benchmarks.report import Row, fastest, main
+from benchmarks.writer import TABLES
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.figures.style import png_bytes
@@ -69,7 +70,7 @@ def measure(quick: bool) -> Iterator[Row]:
         yield from _RowsOf(half, every[half]).all()
     if not quick:
         drawn = png_bytes(ratio_figure(every["judgement"], KINDS))
-        (RESULTS / "gridders_on_real_ground.png").write_bytes(drawn)
+        (TABLES / "gridders_on_real_ground.png").write_bytes(drawn)
     yield from _cpu(1 if quick else 3)
 
 

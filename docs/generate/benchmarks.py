@@ -1,7 +1,8 @@
-"""Tables of benchmarks from ``results/benchmarks``, and the comparison with the papers from ``results/README.md``."""
+"""Tables of benchmarks from ``results/benchmarks``, and the comparison with the papers from the pages of ``results``."""
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -45,12 +46,13 @@ def stored_tables() -> dict[str, dict[str, Any]]:
 
 def benchmark_page(name: str, content: dict[str, Any]) -> str:
     """Return the page of a benchmark: command, machine and rows."""
-    what, command, remarks = described(name)
+    what, command = described(name)
     machine = ", ".join(f"{key} {value}" for key, value in content["machine"].items())
     rows = [row(item) for item in content["rows"]]
-    head = (
-        f"# {what or title(name)}\n\nCommand: {command or 'see results/README.md'}. Machine: {machine}.\n\n"
-    )
+    facts = content.get("provenance", {})
+    run = f" Commit {facts['commit']} of {facts['date'][:10]}." if facts else ""
+    head = f"# {what or title(name)}\n\nCommand: {command or 'see results/README.md'}. Machine: {machine}.{run}\n\n"
+    remarks = "\n".join(f"- {text}" for text in content.get("remark", ()))
     rest = f"\n## Remarks on the stored run\n\n{remarks}\n" if remarks else ""
     return head + table(("figure", "value", "unit", "limit", "met"), rows) + rest
 
@@ -63,7 +65,7 @@ def row(item: dict[str, Any]) -> tuple[str, str, str, str, str]:
 
 def overview_row(name: str, content: dict[str, Any]) -> tuple[str, str, str, str]:
     """Return a benchmark's line of the overview."""
-    what, command, _ = described(name)
+    what, command = described(name)
     judged = [item["holds"] for item in content["rows"] if item["holds"] is not None]
     return (
         f"[{what or title(name)}]({name}.md)",
@@ -73,24 +75,22 @@ def overview_row(name: str, content: dict[str, Any]) -> tuple[str, str, str, str
     )
 
 
-def described(name: str) -> tuple[str, str, str]:
-    """Return what a benchmark measures, its command and remarks on its run, as ``results/README.md`` has them."""
-    text = (RESULTS / "README.md").read_text(encoding="utf-8")
-    remarks = re.search(rf"^\*\*`{name}\.json`\*\*\n(.*?)\n\n", text, flags=re.MULTILINE | re.DOTALL)
-    for line in text.splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
-        if len(cells) == 3 and f"benchmarks/{name}.json" in cells[2]:
-            return cells[0].lstrip("| "), cells[1], remarks[1] if remarks else ""
-    return "", "", ""
+def described(name: str) -> tuple[str, str]:
+    """Return what a benchmark measures and its command, as ``results/contents.toml`` has them."""
+    listed = tomllib.loads((RESULTS / "contents.toml").read_text(encoding="utf-8"))["table"]
+    return next(((one["what"], one["command"]) for one in listed if one["file"] == f"{name}.json"), ("", ""))
 
 
 def papers_page() -> str:
-    """Return the sections of ``results/README.md`` that compare with the papers."""
-    text = (RESULTS / "README.md").read_text(encoding="utf-8")
-    start = text.index("## Beside the glacier paper")
-    return (
-        "# Beside the papers\n\n`firnline reproduce --list` names every figure and table.\n\n" + text[start:]
-    )
+    """Return the claims of the papers from ``results/README.md``, then the pages of each paper."""
+    claims = (RESULTS / "README.md").read_text(encoding="utf-8")
+    texts = [claims[claims.index("## Glacier paper") : claims.index("## Known misses")]]
+    texts += [
+        "#" + (RESULTS / f"{paper}.md").read_text(encoding="utf-8")
+        for paper in ("glacier", "emap", "carving")
+    ]
+    head = "# Beside the papers\n\n`firnline reproduce --list` names every figure and table.\n\n"
+    return head + "\n".join(texts)
 
 
 def title(name: str) -> str:

@@ -26,7 +26,10 @@ class ScoreRequest(RunOptions):
     """Options of the command."""
 
     source: Annotated[
-        Path, Argument(help="Map (raster; its second band is the standard deviation) or mission file (TOML).")
+        Path,
+        Argument(
+            help="Map (raster; a second band is the standard deviation unless named otherwise) or mission file (TOML)."
+        ),
     ]
     truth: Annotated[
         Path | None, Option("--truth", help="Reference raster, finer and more accurate than the map.")
@@ -197,14 +200,14 @@ class ScoreRequest(RunOptions):
 def map_of(
     source: Path, crs: str | None = None, epoch_s: float | None = None, units: str | None = None
 ) -> "survey.Reconstruction | survey.Dem":
-    """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation.
+    """Read firnline's own map from its folder, or anyone's raster with its band of standard deviations (`sigma_band`).
 
     A map of moving ice is moved to an epoch where one is named.
     """
     import numpy as np
 
     from survey.data.ice_motion import ICE_MOTION, read_motion
-    from survey.io.raster import band_count
+    from survey.io.raster import sigma_band
 
     if source.is_dir():
         own = survey.Reconstruction.read(source)
@@ -214,7 +217,7 @@ def map_of(
 
         return at_epoch(own, read_motion(source / ICE_MOTION), epoch_s)[0]
     mean = survey.Dem.read(source, crs=crs, units=units)
-    if band_count(source) < 2:
+    if sigma_band(source) is None:
         return mean
     from survey.reconstruction.terrain_map import INTERPOLATED
 

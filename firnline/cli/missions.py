@@ -213,7 +213,9 @@ def reproduce(
         bool, typer.Option("--force", help="Replace studies that are there, complete ones included.")
     ] = False,
     dry_run: DryRun = False,
-    list_all: Annotated[bool, typer.Option("--list", help="Name every study and end.")] = False,
+    list_all: Annotated[
+        bool, typer.Option("--list", help="Name every study, with what it makes and its CPU time, and end.")
+    ] = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,  # noqa: ARG001
 ) -> None:
@@ -231,10 +233,10 @@ def reproduce(
 
       firnline reproduce all --out /tmp/results --quick
     """
-    from papers.studies import STUDIES
+    from papers.studies import STUDIES, listed
 
     if list_all:
-        typer.echo("\n".join(STUDIES))
+        typer.echo("\n".join(map(listed, STUDIES)))
     elif name is None:
         raise InputError("no study was named; `firnline reproduce --list` names them all.")
     elif dry_run:

@@ -218,6 +218,9 @@ class SwathSearch:
         def is_enough(index: int) -> bool:
             return self._distribution(shape, self.counts[index - 1]).probability(limit_m) >= wanted
 
+        # What the densest survey does not reach, no other is tried for.
+        if not is_enough(len(self.counts)):
+            return None
         few = sum(n <= _EACH_TRIED for n in self.counts)
         found = next((index for index in range(1, few + 1) if is_enough(index)), None)
         if found is None and few < len(self.counts):

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial.distance import cdist
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import ErrorModel
@@ -145,8 +145,8 @@ class SimulatedErrors(NamedTuple):
         """Return the one-sided confidence limits of 90 % of the share that meets a limit (Clopper and Pearson 1934)."""
         n = len(self.rmse_m)
         n_met = int(np.sum(self.rmse_m <= limit_m))
-        low = float(beta.ppf(1.0 - _CONFIDENCE, n_met, n - n_met + 1)) if n_met else 0.0
-        high = float(beta.ppf(_CONFIDENCE, n_met + 1, n - n_met)) if n_met < n else 1.0
+        low = float(betaincinv(n_met, n - n_met + 1, 1.0 - _CONFIDENCE)) if n_met else 0.0
+        high = float(betaincinv(n_met + 1, n - n_met, _CONFIDENCE)) if n_met < n else 1.0
         return low, high
 
     def prove(self, limit_m: float, probability: float) -> bool:

@@ -304,7 +304,7 @@ _LEAST_RATIO = 4e-9
 # Maps of more samples or cells are predicted group by group of places, each from so many samples near it; the radius of a
 # group is at most a share of theirs. Samples of a long route are no nearer than a share of the distance between lines.
 _MOST_AT_ONCE, _MOST_CELLS = 1000, 500
-_N_NEAR, _NEAR_SHARE = 250, 0.4
+_N_NEAR, _NEAR_SHARE = 120, 0.4
 _SHARE_OF_GAP = 0.125
 
 
@@ -380,24 +380,40 @@ class MapPredictor:
         `own_m2` (N,): variances of the samples' errors beside those of the covariances [m²].
         """
         parts, n = [], len(self.nodes)
-        own_m2 = np.zeros(len(xy)) if own_m2 is None else own_m2
-        for one, left in zip(posterior.kernels, self._left(xy, posterior, self.nodes, own_m2), strict=True):
+        found = (
+            self._left_at_nodes(xy, posterior)
+            if own_m2 is None
+            else self._left(xy, posterior, self.nodes, own_m2)
+        )
+        for one, left in zip(posterior.kernels, found, strict=True):
             mean, noise = float(left.variance.mean()), float(left.noise.mean())
             parts.append(ErrorMoments(mean, 2.0 * left.squared / n**2, one.weight, noise))
         return ErrorDistribution(parts, posterior.spread, posterior.open_spread)
 
-    def variance(self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray) -> FloatArray:
-        """Return the variance of the map (M,) at places (M, 2), from samples at places (N, 2) [m²].
+    def variance(
+        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the variance of the map (M,) at places (M, 2) or the nodes, from samples at places (N, 2) [m²].
 
         It is the weighted geometric mean over the covariances, as the expected error is.
         """
         weights = [one.weight for one in posterior.kernels]
-        logs = [
-            np.log(np.maximum(one.variance, 1e-12))
-            for one in self._left(xy, posterior, at, np.zeros(len(xy)))
-        ]
+        found = self._left_at_nodes(xy, posterior) if at is None else self._left(xy, posterior, at)
+        logs = [np.log(np.maximum(one.variance, 1e-12)) for one in found]
         variance: FloatArray = np.exp(np.average(logs, axis=0, weights=weights))
         return variance
+
+    def _left_at_nodes(self, xy: FloatArray, posterior: KernelPosterior) -> list[_Left]:
+        """Return what the map leaves at the nodes; that of the last samples is kept, for the picture after the headline."""
+        for samples, covariances, found in self._last:
+            if covariances is posterior and np.array_equal(samples, xy):
+                return found
+        self._last[:] = [(xy, posterior, self._left(xy, posterior, self.nodes))]
+        return self._last[0][-1]
+
+    @cached_property
+    def _last(self) -> list[tuple[FloatArray, KernelPosterior, list[_Left]]]:
+        return []
 
     def shared_part(
         self, xy: FloatArray, one: WeightedKernel, own_m2: FloatArray, shared_m2: FloatArray
@@ -423,10 +439,11 @@ class MapPredictor:
         return part
 
     def _left(
-        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray, own_m2: FloatArray
+        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray, own_m2: FloatArray | None = None
     ) -> list[_Left]:
         """Return what the map leaves at places (M, 2), for each covariance."""
         n_kernels = len(posterior.kernels)
+        own_m2 = np.zeros(len(xy)) if own_m2 is None else own_m2
         thin = self._averaged(xy)
         xy, own_m2 = xy[::thin], own_m2[::thin] / thin
         posterior = posterior.with_noise_times(1.0 / float(np.sqrt(thin)))

@@ -300,9 +300,10 @@ class ErrorModel:
             Variance [m²].
         """
         posterior = self.posterior.with_noise_times(noise_factor)
-        at = self.nodes if at is None else at
-        blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
         with threadpool_limits(1):
+            if at is None:
+                return self.predictor.variance(xy, posterior)
+            blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
             return np.concatenate([self.predictor.variance(xy, posterior, block) for block in blocks])
 
     def error(self, route: Route, most_samples: int | None = None) -> PredictedError:

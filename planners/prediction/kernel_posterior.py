@@ -381,6 +381,8 @@ class KernelPosterior:
 
     def with_noise_times(self, factor: float) -> "KernelPosterior":
         """Return the covariances with the errors of samples multiplied by a factor."""
+        if factor == 1.0:
+            return self
         return replace(
             self, kernels=tuple(one._replace(noise_m=factor * one.noise_m) for one in self.kernels)
         )

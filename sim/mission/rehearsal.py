@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from sim.config.mission import MissionConfig
 from sim.mission.fleet import endings, n_lost
@@ -118,8 +118,8 @@ def summarize_outcomes(found: Sequence[dict[str, Any]]) -> RehearsalSummary:
     """
     counts = {cause: sum(one["cause"] == cause for one in found) for cause in CAUSES}
     n, met, rest = len(found), counts["met"], 0.5 * (1.0 - _CONFIDENCE)
-    low = float(beta.ppf(rest, met, n - met + 1)) if met else 0.0
-    high = float(beta.ppf(1.0 - rest, met + 1, n - met)) if met < n else 1.0
+    low = float(betaincinv(met, n - met + 1, rest)) if met else 0.0
+    high = float(betaincinv(met + 1, n - met, 1.0 - rest)) if met < n else 1.0
     return RehearsalSummary(n, counts, met / n, (low, high))
 
 

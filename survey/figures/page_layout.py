@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -186,6 +185,9 @@ def _grid_labels(axes: Axes) -> None:
 @styled
 def pdf_bytes(figures: Sequence[Figure], title: str) -> bytes:
     """Return figures as the pages of a PDF file; the same figures give the same bytes."""
+    # Pictures need neither this backend nor its fonts.
+    from matplotlib.backends.backend_pdf import PdfPages
+
     buffer = io.BytesIO()
     facts = {"Title": title, "Creator": "firnline", "CreationDate": None}
     with PdfPages(buffer, metadata=facts) as pages:

@@ -12,12 +12,13 @@ from survey.io.raster.reading import (
     raster_header,
     read_raster,
     read_window,
+    sigma_band,
     stated_datum,
 )
 from survey.io.raster.writing import reproject, write_raster
 
 __all__ = [
     "LARGEST_CELLS", "NODATA", "Raster", "RasterFacts", "band_count", "band_names", "open_raster",
-    "raster_facts", "raster_header", "read_raster", "read_window", "reproject", "stated_datum",
-    "write_raster",
-]  # fmt: skip  # fmt: skip
+    "raster_facts", "raster_header", "read_raster", "read_window", "reproject", "sigma_band",
+    "stated_datum", "write_raster",
+]  # fmt: skip

@@ -183,6 +183,16 @@ def band_count(path: str | Path) -> int:
     return len(band_names(path))
 
 
+# Parts of the names of bands that hold standard deviations; the last one is that of a second band without a name.
+_SIGMA_WORDS = ("sigma", "σ", "std", "dev", "uncert", "err", "rmse", "band_2")
+
+
+def sigma_band(path: str | Path) -> int | None:
+    """Return the number of the band of standard deviations: the second, unless its name says something else."""
+    second = "".join(band_names(path)[1:2]).casefold()
+    return 2 if any(word in second for word in _SIGMA_WORDS) else None
+
+
 def band_names(path: str | Path) -> list[str]:
     """Return the names of the bands of a raster; numbered where it gives none."""
     with open_list_of_bands(existing_file(path, "the raster")) as source:

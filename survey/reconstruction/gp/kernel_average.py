@@ -83,8 +83,9 @@ def averaged_kernels(
     has_plane: bool = False,
     nugget_m: float | None = None,
     has_patches: bool = False,
+    members: Sequence[Member] = MEMBERS,
 ) -> Hyperparameters:
-    """Return the kernels of `MEMBERS` that are fitted to points, with their weights.
+    """Return the kernels of members that are fitted to points, with their weights.
 
     `xy`, `values`, `noise_m2` (N, 2), (N,) and (N,): places [m], values and noise variances. `has_plane`: whether the trend
     is a plane instead of a constant. `nugget_m`: standard deviation of relief too fine to be mapped [m]; fitted when None.
@@ -96,7 +97,7 @@ def averaged_kernels(
         return _Posterior.of(*given, has_plane=has_plane, nugget_m=nugget_m)
 
     few = posterior(well_spread(xy, N_FITTED))
-    members = [one for one in MEMBERS if not one.is_anisotropic or are_wide(xy)]
+    members = [one for one in members if not one.is_anisotropic or are_wide(xy)]
     fitted = [few.fit(one) for one in members]
     weights = weights_of(np.array([one.log_posterior for one in fitted]))
     order = [int(k) for k in np.argsort(-weights, kind="stable") if weights[k] > 0.0]

@@ -45,7 +45,7 @@ from survey.data.outlines import (
     refuse_nested,
     with_simple_rings,
 )
-from survey.io.raster import band_count, raster_header, write_raster
+from survey.io.raster import raster_header, sigma_band, write_raster
 from survey.io.raster.large import read_averaged
 from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.scoring.accuracy import NMAD_FACTOR
@@ -443,12 +443,12 @@ def averaged_step_m(files: list[Path]) -> float | None:
 def average_survey(
     file: Path, step_m: float, crs: Any = None, units: str | None = None
 ) -> Reconstruction | Dem:
-    """Return a survey averaged over squares of about a given side; a second band is its standard deviation.
+    """Return a survey averaged over squares of about a given side, with its band of standard deviations (`sigma_band`).
 
     `step_m`: side of the squares [m]; whole cells are taken, at least one.
     """
     cells = max(1, math.ceil(step_m / raster_header(file).transform.a - 1e-9))
-    bands = (1, 2) if band_count(file) > 1 else (1,)
+    bands = (1,) if sigma_band(file) is None else (1, 2)
     rasters = read_averaged(file, cells, bands, units)
     system = agreed_crs(rasters[0].crs, crs, str(file))
     mean, *std = (Dem(one.values, one.transform, system, one.vertical_datum) for one in rasters)

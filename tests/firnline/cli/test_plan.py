@@ -83,7 +83,7 @@ def test_a_predicted_error_says_what_it_excludes():
 
 
 def test_limits_rovers_and_settings_reach_the_plan():
-    args = ("site.gpkg", "--prior", "hill.tif", "--spacing", "25", "--max-slope", "15", "--rovers", "2")
+    args = ("site.gpkg", "--prior", "hill.tif", "--spacing", "25", "--max-slope", "20", "--rovers", "2")
     out, _ = planned(
         *args, "--set", "rover.speed_m_s=2.0", "--set", "fleet.separation_m=5.0", "-o", "two.geojson"
     )
@@ -91,7 +91,7 @@ def test_limits_rovers_and_settings_reach_the_plan():
     assert route.n_rovers == 2
     slopes = Dem.read("hill.tif").slope()
     places = np.vstack([route.sample(2.0, rover).xy for rover in range(2)])
-    assert slopes.at(places).max() <= 15.0
+    assert slopes.at(places).max() <= 20.0
     assert route.prediction["left_out_share"] > 0.05
     assert "rover 2 departs after" in out
 

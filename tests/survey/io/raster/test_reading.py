@@ -10,7 +10,7 @@ from affine import Affine
 
 from survey import Dem, InputError
 from survey.core.errors import CapacityError
-from survey.io.raster import LARGEST_CELLS, open_raster, raster_facts, read_raster
+from survey.io.raster import LARGEST_CELLS, open_raster, raster_facts, read_raster, sigma_band
 
 UTM = "EPSG:32608"
 
@@ -115,3 +115,27 @@ def test_a_raster_without_a_georeference_is_not_taken_for_one_from_south_to_nort
         raster.write(np.arange(16.0).reshape(4, 4), 1)
     with pytest.raises(InputError, match="no georeference"):
         Dem.read(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "band"),
+    [
+        ("sigma", 2),
+        ("Standard deviation", 2),
+        ("elevation_error", 2),
+        (None, 2),
+        ("slope", None),
+        ("n_points", None),
+    ],
+)
+def test_a_second_band_is_a_standard_deviation_unless_its_name_says_otherwise(
+    tmp_path: Path, name: str | None, band: int | None
+) -> None:
+    profile = {"height": 4, "width": 4, "count": 2, "dtype": "float32", "crs": UTM}
+    place = Affine(1.0, 0.0, 0.0, 0.0, -1.0, 4.0)
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", transform=place, **profile) as target:
+        target.write(np.ones((2, 4, 4), dtype=np.float32))
+        target.set_band_description(1, "elevation")
+        if name is not None:
+            target.set_band_description(2, name)
+    assert sigma_band(tmp_path / "a.tif") == band

@@ -5,9 +5,10 @@ import numpy as np
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import fit_process
 from survey.reconstruction.gp.engines.fourier_basis import resolve_for_points
-from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.engines.fourier_gp import nearest_variance_bound
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess, NoisyValues
 from survey.reconstruction.gp.families import Sum
-from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential
 
 SITE = (0.0, 0.0, 300.0, 300.0)
 
@@ -46,3 +47,26 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     assert np.quantile(ratio, 0.01) > 0.85
     assert np.quantile(ratio, 0.99) < 1.15
     assert np.sqrt(np.mean((mean - exact_mean) ** 2 / exact_variance)) < 0.3
+
+
+def test_the_bound_is_the_posterior_variance_given_the_nearest_points():
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(0.0, 100.0, (12, 2))
+    data = NoisyValues.of(xy, np.zeros(12), np.linspace(0.1, 0.5, 12))
+    kernel = Matern52(4.0, 30.0, anisotropy=1.5, angle_deg=20.0)
+    places = rng.uniform(0.0, 100.0, (7, 2))
+    across = kernel.covariance(places, xy)
+    solved = np.linalg.solve(kernel.covariance(xy, xy) + np.diag(data.noise_m2), across.T)
+    exact = kernel.variance_m2 - np.einsum("ij,ji->i", across, solved)
+    np.testing.assert_allclose(nearest_variance_bound(kernel, data, places), exact, rtol=1e-9)
+
+
+def test_a_point_given_twice_almost_without_noise_tells_nothing_more():
+    xy = np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0]])
+    kernel = Matern52(4.0, 30.0)
+    twice, once = (
+        NoisyValues.of(each, np.zeros(len(each)), np.full(len(each), 1e-7)) for each in (xy, xy[1:])
+    )
+    places = np.array([[5.0, 1.0], [0.0, 3.0]])
+    bounds = [nearest_variance_bound(kernel, data, places) for data in (twice, once)]
+    np.testing.assert_allclose(*bounds, rtol=1e-9)
