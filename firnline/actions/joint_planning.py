@@ -11,7 +11,7 @@ from survey.core import CapacityError, length_text
 
 if TYPE_CHECKING:
     from sim.config.mission import MissionConfig
-    from sim.mission.foresight import PredictedSurvey
+    from sim.mission.drive_prediction import PredictedSurvey
 
 
 _MOST_FURTHER = 6

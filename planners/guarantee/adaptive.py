@@ -30,7 +30,7 @@ import shapely
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import settings_factor
 from planners.guarantee.requirement import ErrorLimit, MapRequirement
-from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
+from planners.guarantee.survey_lines import LONGEST_M, SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
 from planners.prediction.error_distribution import FITTED_KERNEL_INFLATION, MapPrediction, MapPredictor
 from planners.prediction.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
@@ -107,9 +107,9 @@ class AdaptiveState:
         self.config, self.posterior = config, posterior
         self.lines = SurveyLines(area, config.heading_deg)
         self.predictor = MapPredictor(area, config.sample_step_m, FITTED_KERNEL_INFLATION, config.cells)
-        self.most = config.max_swaths or max(
-            MOST_SWATHS, int(self.lines.width_m / (2.0 * config.sample_step_m))
-        )
+        longest = LONGEST_M * self.lines.width_m / float(area.free.area)
+        dense = self.lines.width_m / (2.0 * config.sample_step_m)
+        self.most = config.max_swaths or max(MOST_SWATHS, int(min(dense, longest)))
         self.offsets: list[float] = []
         self.n_further, self.is_fitted = 0, False
         self.legs: list[Leg] = []

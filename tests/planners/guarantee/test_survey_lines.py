@@ -1,7 +1,8 @@
 import numpy as np
 import shapely
 
-from planners.guarantee.survey_lines import SurveyLines
+from planners.guarantee.requirement import MapRequirement
+from planners.guarantee.survey_lines import SurveyLines, swath_counts
 from survey import SurveyArea
 
 SITE = SurveyArea.rectangle((0.0, 0.0, 300.0, 200.0), "EPSG:32608")
@@ -34,3 +35,16 @@ def test_a_piece_that_takes_more_than_it_measures_is_not_driven():
     ground = SurveyArea(SITE.polygon - notches, SITE.crs)
     (piece,) = SurveyLines(ground, heading_deg=0.0).swath(150.0, 40.0, 90.0)
     assert piece[:, 0].max() == 260.0
+
+
+def test_no_more_swaths_are_considered_than_can_be_driven():
+    wanted = MapRequirement(1.0)
+    large = swath_counts(30_000.0, 30.0, wanted, 9e8)
+    # Five cells of the prior apart 200 swaths are 6,000 km to drive, and no more are tried.
+    assert large == (200,)
+    assert swath_counts(30_000.0, 90.0, wanted, 9e8) == (67,)
+    assert swath_counts(9_000.0, 30.0, wanted, 9e7)[-1] == 200
+    # Two samples apart, 100 swaths of a square kilometre are 100 km.
+    assert swath_counts(2_000.0, 30.0, wanted, 1e6)[-1] == 100
+    stated = MapRequirement(1.0, max_swaths=400)
+    assert swath_counts(30_000.0, 30.0, stated, 9e8)[-1] == 400

@@ -11,7 +11,8 @@ from firnline.actions.interface import NotMetError
 from firnline.actions.joint_planning import survey_options
 from planners import RandomWanderConfig
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
-from sim.mission.foresight import PredictedSurvey, cheapest, error_model_of, predict_survey, surveys_within
+from sim.mission.drive_prediction import PredictedSurvey, error_model_of, predict_survey
+from sim.mission.foresight import cheapest, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from tests.sim.small_missions import mission_with
