@@ -22,6 +22,7 @@ from benchmarks.writer import CONTENTS, TABLES, read_table
 from papers.code_closure import PACKAGES, ROOT, Code, ModuleParts, code_of_today
 from papers.provenance import KEY, git
 from papers.studies import ABOUT, STUDIES
+from survey.core import InputError
 from survey.core.documents import RECORD, read_record, write_record
 
 RESULTS = TABLES.parent
@@ -206,8 +207,7 @@ def fill_from_history() -> Iterator[str]:
         if old:
             code = old["code"] if old["has_changes"] else blobs.code(str(old["commit"])).digest(old["of"])
             if code != old["code"]:
-                one.restored({KEY: {**old, "code": code}})
-                yield f"{one.name}: {old['commit']}, code {code}, as digests are computed now"
+                yield _recomputed(one, code)
             continue
         stored = _first_with_outcome(one, blobs)
         if stored is None:
@@ -244,6 +244,15 @@ def changes(one: Stored) -> Iterator[str]:
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
             yield f"{name}: {'changed' if name in old and name in new else 'new' if name in new else 'gone'}"
+
+
+def _recomputed(one: Stored, code: str | None) -> str:
+    """Store another digest; one of a folder with files that are not kept stays as it is."""
+    try:
+        one.restored({KEY: {**one.provenance, "code": code}})
+    except InputError as error:
+        return f"{one.name}: {error}"
+    return f"{one.name}: {one.provenance['commit']}, code {code}, as digests are computed now"
 
 
 def set_remark(name: str, texts: Sequence[str]) -> None:

@@ -96,7 +96,7 @@ def read_table(file: Path) -> dict[str, Any]:
 def expected_cpu_s(file: Path) -> float:
     """Return the CPU time of the stored run of a table, or the one that the list of results states [s]; 0 if unknown."""
     facts = read_table(file).get(KEY, {})
-    measured = facts.get("cpu_s", 0.0) + facts.get("earlier_cpu_s", 0.0)
+    measured = (facts.get("cpu_s") or 0.0) + (facts.get("earlier_cpu_s") or 0.0)
     listed = tomllib.loads(CONTENTS.read_text(encoding="utf-8"))["table"]
     stated = {one["file"]: 60.0 * one.get("cpu_min", 0.0) for one in listed}
     return float(measured or stated.get(file.name, 0.0))

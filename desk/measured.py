@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from pyproj import CRS
 
-from desk.plan.dropped import thinned_points
+from desk.plan.dropped import SIGMA_M, thinned_points
 from desk.runs import map_layers
 from firnline.actions import ScoreRequest, score
 from firnline.actions.guaranteeing import swath_advice
@@ -55,10 +55,6 @@ def show_measured(role: str, file: Path, crs: CRS) -> dict[str, Any]:
 def read_checkpoints(file: Path, crs: CRS) -> Checkpoints:
     """Read checkpoints; heights without a stated uncertainty are taken to err by 0.05 m."""
     return Checkpoints.read(file, crs=crs, sigma_m=SIGMA_M)
-
-
-SIGMA_M = 0.05
-"""Standard deviation of heights that state none [m]."""
 
 
 def _plain_name(name: str) -> str:

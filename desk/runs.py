@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from pyproj import CRS
 
-from desk.terrain.shading import DEVIATION, ELEVATION, ERROR, SUPPORT
+from desk.terrain.shading import DEVIATION, ELEVATION, ERROR, SUPPORT, colour_limit
 from desk.terrain.tiles import picture
 from firnline.actions.scoring import best_class
 from sim.mission.fleet import drive_folders
 from survey import Dem, FirnlineError, InputError, Reconstruction, Route, Truth
-from survey.core import length_text, read_json, round_number, same_crs
+from survey.core import length_text, read_json, same_crs
 from survey.core.config import read_toml
 from survey.core.run_folder import RunFolder
 from survey.reconstruction.terrain_map import MEASURED, SUPPORT_NAMES
@@ -136,7 +136,7 @@ def _elevation(mean: Dem) -> dict[str, Any]:
 
 
 def _sigma(std: Dem) -> dict[str, Any]:
-    top = round_number(max(float(np.nanpercentile(std.elevation, 98.0)) * 1.1, 1e-3))
+    top = colour_limit(std.elevation)
     ends = ["0 m", f"{top:g} m or more"]
     return picture(std, DEVIATION, 0.0, top) | {"title": "Standard deviation of the map", "ends": ends}
 
@@ -155,7 +155,7 @@ def _error(run: RunFolder, map_: Reconstruction) -> dict[str, Any]:
 
 def _signed(raster: Dem, title: str) -> dict[str, Any]:
     """Return a picture in colours about zero."""
-    top = round_number(max(float(np.nanpercentile(np.abs(raster.elevation), 98.0)), 1e-3))
+    top = colour_limit(raster.elevation)
     ends = [f"−{top:g} m or less", f"+{top:g} m or more"]
     return picture(raster, ERROR, -top, top) | {"title": title, "ends": ends}
 

@@ -1,20 +1,28 @@
 """Workspace of the desk: the folder, terrain and plan that a page works on, and how it is opened from files."""
 
+import hashlib
+import os
 import tempfile
 from contextlib import ExitStack
 from functools import cached_property
+from io import BytesIO
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
+from zipfile import ZipFile
 
 from pyproj import CRS
 
 from desk.jobs.job import Jobs
 from desk.plan.document import PlanDocument
-from desk.plan.history import SUFFIX, StoredHistory, read_history
+from desk.plan.history import History
+from desk.plan.history_file import SUFFIX, StoredHistory, read_history
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from firnline.actions.interface import own_crs
 from survey import Dem, InputError, SurveyArea
+from survey.core import CapacityError, refusing_damage, write_bytes
+from survey.core.files import existing_file, read_bytes
 from survey.core.map_scale import MapScale
 
 if TYPE_CHECKING:
@@ -27,11 +35,17 @@ class Workspace:
 
     `terrain`: raster of prior elevations. One in degrees is projected for the map as ``firnline plan`` does.
     `plan_file`: file of the plan's history; its folder is the working folder. `first`: document to begin with
-    where there is no such file. `opened_run`: run that the desk was opened with.
+    where there is no such file. `opened_run`: run that the desk was opened with. `origin`: source of `first` and its
+    checksum, as in `History`; where the source has changed since the plan was drawn, `notice` says so.
     """
 
     def __init__(
-        self, terrain: Path, plan_file: Path, first: PlanDocument, opened_run: Path | None = None
+        self,
+        terrain: Path,
+        plan_file: Path,
+        first: PlanDocument,
+        opened_run: Path | None = None,
+        origin: tuple[str, str] = ("", ""),
     ) -> None:
         self.terrain = terrain
         self.opened_run = opened_run
@@ -41,8 +55,11 @@ class Workspace:
         pyramid = self._files.enter_context(ElevationPyramid(projected))
         self.tiles = TerrainTiles(pyramid)
         self.crs: CRS = pyramid.crs
-        self.store = StoredHistory(plan_file, terrain.name, first)
+        begun = History.of(first, terrain.name, *origin)
+        self.store = StoredHistory(plan_file, begun)
+        self.notice = _CHANGED.format(Path(begun.source).name) if self.store.renew(begun) else ""
         self.jobs = Jobs()
+        self.n_streams = 0
         self.map_scale = MapScale.over(self.crs, pyramid.bounds).linear.mean
 
     def __enter__(self) -> Self:
@@ -85,6 +102,8 @@ class Workspace:
 def open_workspace(source: Path | None, folder: Path) -> Workspace:
     """Open what the command names."""
     source = source or _latest_plan(folder)
+    if source.suffix == ".zip":
+        source = _unpacked(source, folder)
     if source.name.endswith(SUFFIX):
         history = read_history(source)
         return Workspace(source.parent / Path(history.terrain).name, source, history.document)
@@ -92,7 +111,48 @@ def open_workspace(source: Path | None, folder: Path) -> Workspace:
         return _of_run(source, folder)
     if source.suffix == ".toml":
         return _of_mission(source, folder)
-    return Workspace(source, source.parent / f"{source.stem}{SUFFIX}", PlanDocument())
+    return Workspace(source, _plan_file(source.parent / source.stem, source.name), PlanDocument())
+
+
+_CHANGED = (
+    "{} has changed since this plan was drawn from it; its area, prior and settings are shown as they are now. "
+    "Undo shows the drawn plan over the new prior."
+)
+
+
+def _plan_file(stem: Path, terrain: str, source: str = "") -> Path:
+    """Return the file of the plan that was begun from a source, or a name that is free for a new one."""
+    for k in count(1):
+        file = stem.with_name(f"{stem.name}{f'-{k}' if k > 1 else ''}{SUFFIX}")
+        if not file.exists():
+            break
+        begun = read_history(file)
+        if begun.source == source if begun.source else begun.terrain == terrain:
+            break
+    return file
+
+
+_LARGEST_SHARED_BYTES = 512 * 2**20
+
+
+def _unpacked(source: Path, folder: Path) -> Path:
+    """Unpack a plan that was shared into a folder of its name, and return its file; what is there already stays."""
+    content = read_bytes(existing_file(source, "the shared plan"), "the shared plan", _LARGEST_SHARED_BYTES)
+    place = folder / source.name.removesuffix(".zip").removesuffix(".desk")
+    with refusing_damage(str(source), "plan of the desk"), ZipFile(BytesIO(content)) as archive:
+        names = archive.namelist()
+        (plan,) = (name for name in names if name.endswith(SUFFIX))
+        if any(Path(name).name != name for name in names) or len(names) != 2:
+            raise ValueError("a plan and its terrain were expected")
+        if sum(entry.file_size for entry in archive.infolist()) > _LARGEST_SHARED_BYTES:
+            raise CapacityError(
+                f"{source} holds more than {_LARGEST_SHARED_BYTES // 2**20} MB; open the plan itself."
+            )
+        place.mkdir(exist_ok=True)
+        for name in names:
+            if not (place / name).exists():
+                write_bytes(place / name, archive.read(name))
+    return place / plan
 
 
 def _latest_plan(folder: Path) -> Path:
@@ -112,7 +172,7 @@ def _of_mission(source: Path, folder: Path) -> Workspace:
 
     mission = read_mission(source)
     world = build_world(mission)
-    return _workspace(mission, world.area, world.prior, folder)
+    return _workspace(mission, world.area, world.prior, folder, source)
 
 
 def _of_run(source: Path, folder: Path) -> Workspace:
@@ -128,13 +188,31 @@ def _of_run(source: Path, folder: Path) -> Workspace:
 
 
 def _workspace(
-    mission: "MissionConfig", area: "SurveyArea", prior: "Dem", folder: Path, run: Path | None = None
+    mission: "MissionConfig", area: "SurveyArea", prior: "Dem", folder: Path, source: Path
 ) -> Workspace:
-    """Store the prior of a mission in the current folder, and open it with the mission's settings."""
-    terrain = folder / f"{mission.name}_prior.tif"
+    """Store the prior of a mission in the current folder, and open it with the mission's settings.
+
+    The name of the prior holds its checksum, so that a prior that has changed is another file.
+    """
+    document = _document(mission, area)
+    prior_sha256 = _sha256(prior.elevation.tobytes(), prior.transform, prior.crs.to_wkt())
+    terrain = folder / f"{mission.name}_prior-{prior_sha256[:8]}.tif"
     if not terrain.exists():
         prior.write(terrain)
-    return Workspace(terrain, folder / f"{mission.name}{SUFFIX}", _document(mission, area), run)
+    place = os.path.relpath(source.resolve(), folder.resolve())
+    plan_file = _plan_file(folder / mission.name, f"{mission.name}_prior.tif", place)
+    return Workspace(
+        terrain,
+        plan_file,
+        document,
+        source if source.is_dir() else None,
+        (place, _sha256(prior_sha256, document.model_dump_json())),
+    )
+
+
+def _sha256(*parts: Any) -> str:
+    contents = (part if isinstance(part, bytes) else str(part).encode() for part in parts)
+    return hashlib.sha256(b"\n".join(contents)).hexdigest()
 
 
 def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:
@@ -168,5 +246,5 @@ def write_demo(folder: Path) -> Path:
         bounds = (west - 200.0, south - 200.0, east + 200.0, north + 200.0)
         area = SurveyArea.rectangle(bounds, site.prior.crs)
         document = PlanDocument.of_area(area).model_copy(update={"starts": ((west - 150.0, south - 150.0),)})
-        StoredHistory(plan_file, terrain.name, document).write()
+        StoredHistory(plan_file, History.of(document, terrain.name)).write()
     return plan_file

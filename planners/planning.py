@@ -182,12 +182,23 @@ def _effort(route: Route, crew: Crew, crew_on_grid: Crew) -> dict[str, float]:
 
 
 def _error_facts(model: ErrorModel, route: Route) -> dict[str, float]:
-    """Return the expected error of the map, and the bounds that it lies between with 80 % [m]."""
-    found = model.distribution(route)
-    return {
+    """Return the expected error of the map, the bounds that it lies between with 80 %, and what its level makes of it [m]."""
+    beside = model.beside_level(route)
+    found = beside.with_shared(model.errors.shared_m)
+    facts = {
         "rmse_m": found.rmse_m,
         "rmse_low_m": found.quantile_m(0.1),
         "rmse_high_m": found.quantile_m(0.9),
+    }
+    if model.level_m is None:
+        return facts
+    levels = beside.by_level(model.level_m)
+    return {
+        **facts,
+        "shared_m": model.errors.shared_m,
+        "prior_level_m": model.level_m,
+        "prior_level_share": levels["prior"].shared_share,
+        **{f"rmse_{name}_level_m": one.rmse_m for name, one in levels.items()},
     }
 
 

@@ -27,12 +27,13 @@ def ratio_figure(found: Sequence[Judged], kinds: Sequence[str]) -> Figure:
     panels = np.ravel(figure.subplots(1, len(kinds), sharey=True))
     for panel, kind in zip(panels, kinds, strict=True):
         mine = [one for one in found if one.case.kind == kind]
-        panel.set_title(f"lines {kind} apart" if kind in LINES else kind)
+        panel.set_title(f"lines, {kind}" if kind in LINES else kind, fontsize=9.0)
         _draw(panel, [(name, ratios(mine, name)) for name in names])
     panels[0].set_yticks(range(len(names)), names)
     panels[0].invert_yaxis()
     figure.supxlabel(
-        "RMSE over that of the best other gridder of the survey: median, and nine tenths", fontsize=9.0
+        "RMSE over that of the best other gridder of the survey: median, and nine tenths; lines a share of the side apart",
+        fontsize=9.0,
     )
     return figure
 

@@ -35,7 +35,9 @@ def guaranteed(planner: LivePlanner, document: PlanDocument, name: str, job: Job
     requirement = requirement_of(requirement_request(document, planner.terrain))
     area = document.survey_area(planner.crs)
     made = guarantee(area, planner.prior(area), requirement, progress=job.progress)
-    command = command_of(document, f"{name}.gpkg", planner.terrain.name, f"{name}.geojson", required=True)
+    command = command_of(
+        document, f"{name}_area.gpkg", planner.terrain.name, f"{name}.geojson", required=True
+    )
     return {"holds": made.holds, "sentence": _sentence(made), "command": command} | (
         {
             "planner": made.config.model_dump(mode="json", exclude_defaults=True)
@@ -66,9 +68,7 @@ def error_curve(planner: LivePlanner, document: PlanDocument, job: Job) -> dict[
             chosen.no_error_because or "no error is predicted for this pattern; choose lawnmower or wavy."
         )
     n_chosen = (
-        len(chosen.plan.route.swaths)
-        if document.planner.get("swaths") is None
-        else document.planner["swaths"]
+        chosen.plan.route.n_lines if document.planner.get("swaths") is None else document.planner["swaths"]
     )
     numbers = list(_numbers(n_chosen))
     for done, n in enumerate(numbers):

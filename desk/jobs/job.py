@@ -2,8 +2,8 @@
 
 import logging
 import secrets
-from collections.abc import Callable, Iterator
-from threading import Condition, Thread
+from collections.abc import Callable
+from threading import Lock, Thread
 from typing import Any
 
 from survey.core import CapacityError, FirnlineError, InputError, printable
@@ -11,7 +11,6 @@ from survey.core import CapacityError, FirnlineError, InputError, printable
 Event = dict[str, Any]
 _MOST_JOBS = 40
 _MOST_RUNNING = 3
-_PATIENCE_S = 15.0
 
 
 class CancelledError(Exception):
@@ -29,13 +28,13 @@ class Job:
         self.files: dict[str, Any] = {}
         self._work = work
         self._events: list[Event] = []
-        self._changed = Condition()
+        self._lock = Lock()
         self._is_cancelled = False
 
     @property
     def is_over(self) -> bool:
         """Whether no further event follows."""
-        with self._changed:
+        with self._lock:
             return bool(self._events) and self._events[-1]["kind"] in ("done", "refused", "cancelled")
 
     def start(self) -> None:
@@ -60,21 +59,10 @@ class Job:
         """Report progress; the callback of planners and guarantees."""
         self.report("progress", what=what, done=done, total=total)
 
-    def events(self) -> Iterator[Event | None]:
-        """Yield the events from the first on as they come; None at times at which nothing comes."""
-        seen = 0
-        while True:
-            with self._changed:
-                if len(self._events) == seen:
-                    self._changed.wait(_PATIENCE_S)
-                fresh = self._events[seen:]
-            seen += len(fresh)
-            if fresh:
-                yield from fresh
-            else:
-                yield None
-            if fresh and fresh[-1]["kind"] in ("done", "refused", "cancelled"):
-                return
+    def events(self, seen: int = 0) -> list[Event]:
+        """Return the events that have come, without the first ones that were seen."""
+        with self._lock:
+            return self._events[seen:]
 
     def _run(self) -> None:
         try:
@@ -90,9 +78,8 @@ class Job:
             )
 
     def _add(self, event: Event) -> None:
-        with self._changed:
+        with self._lock:
             self._events.append(event)
-            self._changed.notify_all()
 
 
 class Jobs:

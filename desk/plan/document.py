@@ -55,6 +55,8 @@ class PlanDocument(Section):
     """Settings of a required class or error; empty when the pattern is chosen by hand."""
     simulation: dict[str, Setting] = Field(default_factory=dict)
     """Depth and seed of a simulated run."""
+    notes: str = Field(default="", max_length=10_000)
+    """What its author wants to remember of the plan."""
     measured: dict[Literal["points", "checkpoints", "driven"], FileName] = Field(default_factory=dict)
     """Files of real measurements in the folder of the plan's measurements."""
 

@@ -20,7 +20,8 @@ _OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")
 _RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
 _POINTS = (".csv", ".las", ".laz", ".ply")
 _MOST_POINTS = 5000
-_MANY_OUTLINES = 12
+SIGMA_M = 0.05
+"""Standard deviation of heights that state none [m]."""
 
 
 def dropped(name: str, content: bytes, crs: CRS, select: Sequence[str] = ()) -> dict[str, Any]:
@@ -50,7 +51,7 @@ def _shapes(file: Path, crs: CRS, select: Sequence[str]) -> dict[str, Any]:
     if geometry_types(file, what="the file") == {"Point"}:
         return _points(file, crs, ())
     outlines = read_outlines_file(file, "the file")
-    if not select and (outlines.of_inventory or outlines.is_area.sum() > _MANY_OUTLINES):
+    if not select and (outlines.of_inventory or outlines.is_area.sum() > 1):
         known = zip(outlines.titles, outlines.keys, outlines.is_area, strict=True)
         choices = [("all of them", "*"), *sorted((title, key) for title, key, is_area in known if is_area)]
         return {"kind": "choices", "choices": [{"title": title, "select": key} for title, key in choices]}
@@ -74,7 +75,7 @@ def _raster(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
 
 
 def _points(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
-    points = SurfacePoints.read(file, crs=crs)
+    points = SurfacePoints.read(file, crs=crs, sigma_m=SIGMA_M)
     return {"kind": "points", **thinned_points(points.xyz)}
 
 

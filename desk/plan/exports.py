@@ -8,13 +8,16 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
 import tomlkit
+from pydantic import Field
 
 from desk.plan.document import PlanDocument
+from desk.plan.history import History
+from desk.plan.history_file import SUFFIX, StoredHistory
 from desk.plan.live import LivePlan
 from desk.plan.request import request_of
 from firnline.actions.exporting import knows_heights, write_route
@@ -22,7 +25,7 @@ from firnline.actions.interface import read_about
 from firnline.actions.plan_request import write_plan as write_outputs
 from sim.config.mission import MissionConfig
 from survey import Dem, InputError, Route, SurveyArea
-from survey.core import FloatArray, replacing, validated
+from survey.core import FloatArray, Section, replacing, validated
 from survey.core.transformation import WGS84, transformed
 from survey.interchange.missions import Surroundings
 from survey.io.vector import require_transformation, write_features
@@ -146,9 +149,33 @@ KINDS: Sequence[str] = (
     *_POINT_FILES,
     "sigma.tif",
     "mission.zip",
+    "desk.zip",
 )
 """Kinds of files, by ending."""
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def known_kind(kind: str) -> str:
+    """Return a kind of files; refuse one that is not known."""
+    if kind not in KINDS:
+        raise InputError(
+            f"the kind of file {kind[:40]!r} is not known; one of {', '.join(KINDS)} was expected."
+        )
+    return kind
+
+
+class MissionOptions(Section):
+    """What a mission for an autopilot is made for; the options of ``firnline export``."""
+
+    autopilot: Literal["px4", "ardupilot"] = "px4"
+    """Autopilot."""
+    speed_m_s: float | None = Field(default=None, gt=0.0, lt=100.0)
+    """Speed that the rover is set to [m/s]."""
+    returns: bool = False
+    """Whether the mission ends with a return to launch."""
+
+
+_LARGEST_SHARED_BYTES = 32 * 2**20
 
 
 class ExportedFile(NamedTuple):
@@ -162,20 +189,17 @@ class PlanExport(NamedTuple):
     """Plan whose files are wanted.
 
     `live`: the plan, with the covariance of its outline. `document`: from which it was made. `name`: name of
-    the plan. `terrain`: raster of the prior.
+    the plan. `terrain`: raster of the prior. `missions`: options of missions.
     """
 
     live: LivePlan
     document: PlanDocument
     name: str
     terrain: Path
+    missions: MissionOptions = MissionOptions()
 
     def file(self, kind: str) -> ExportedFile:
         """Return a file of the plan."""
-        if kind not in KINDS:
-            raise InputError(
-                f"the kind of file {kind!r} is not known; one of {', '.join(KINDS)} was expected."
-            )
         with tempfile.TemporaryDirectory(prefix="firnline-desk-") as place:
             folder = Path(place)
             self._write(folder, kind)
@@ -183,26 +207,39 @@ class PlanExport(NamedTuple):
             if len(files) == 1:
                 return ExportedFile(files[0].name, files[0].read_bytes())
             bare = kind.removesuffix(".zip").strip(".")
-            return ExportedFile(f"{self.name}_{bare}.zip", _packed(folder, files))
+            separator = "." if kind == "desk.zip" else "_"
+            return ExportedFile(f"{self.name}{separator}{bare}.zip", _packed(folder, files))
 
     def _write(self, folder: Path, kind: str) -> None:
         plan, place = self.live.plan, folder / f"{self.name}{Path(kind).suffix or kind}"
         if kind in _ROUTES:
             plan.route.write(place)
         elif kind in _AREAS:
-            plan.area.write(place)
+            plan.area.write(place.with_stem(f"{self.name}_area"))
         elif kind in _POINT_FILES:
             write_points(self.document, plan.area, plan.prior, place.with_stem(f"{self.name}_points"))
         elif kind in _SHEETS:
-            request = request_of(self.document, folder.parent / f"{self.name}.gpkg", self.terrain, place)
+            request = request_of(self.document, folder.parent / f"{self.name}_area.gpkg", self.terrain, place)
             write_outputs(request, plan.route, plan.drawing)
         elif kind == "sigma.tif":
             self._write_sigma(folder / f"{self.name}_sigma.tif")
+        elif kind == "desk.zip":
+            self._write_shared(folder)
         elif kind == "mission.zip":
             write_mission(self.live, self.document, self.name, folder)
         else:
-            around = Surroundings(plan.area, _terrain(plan.route, self.terrain))
+            around = Surroundings(plan.area, _terrain(plan.route, self.terrain), **self.missions.model_dump())
             write_route(plan.route, around, place)
+
+    def _write_shared(self, folder: Path) -> None:
+        """Write the plan and its terrain, of a large one what lies about the area, for a desk elsewhere."""
+        terrain, prior = folder / f"{self.name}_prior.tif", self.live.plan.prior
+        if self.terrain.suffix == terrain.suffix and self.terrain.stat().st_size <= _LARGEST_SHARED_BYTES:
+            terrain.write_bytes(self.terrain.read_bytes())
+        elif prior is not None:
+            prior.write(terrain)
+        begun = History.of(self.document.model_copy(update={"measured": {}}), terrain.name)
+        StoredHistory(folder / f"{self.name}{SUFFIX}", begun).write()
 
     def _write_sigma(self, file: Path) -> None:
         drawing = self.live.plan.drawing

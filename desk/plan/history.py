@@ -1,18 +1,14 @@
-"""History of a plan document: edits with undo and redo, stored in one file."""
+"""History of a plan document: edits with undo and redo."""
 
-from pathlib import Path
-from threading import Lock
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import Field
 
 from desk.plan.document import PlanDocument
-from survey.core import ConfigError, FirnlineError, Section, read_json, validated, write_json
-from survey.core.config import refuse_newer_schema
+from survey.core import FirnlineError, Section
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 MOST_STEPS = 200
-SUFFIX = ".desk.json"
 
 
 class OutdatedError(FirnlineError):
@@ -55,6 +51,10 @@ class History(Section):
     """Version of the format."""
     terrain: str = ""
     """Name of the raster of elevations, beside the file."""
+    source: str = ""
+    """Mission or run that the plan was begun from, as seen from its folder; empty for a raster."""
+    source_sha256: str = ""
+    """Checksum of the settings, area and prior of that source."""
     at: int = Field(default=0, ge=0)
     """Index of the step that is shown."""
     steps: tuple[EditStep, ...] = Field(min_length=1)
@@ -63,9 +63,10 @@ class History(Section):
     """Plans that were set aside before the first step."""
 
     @classmethod
-    def of(cls, document: PlanDocument, terrain: str = "") -> Self:
+    def of(cls, document: PlanDocument, terrain: str = "", source: str = "", source_sha256: str = "") -> Self:
         """Return a history that begins with a document."""
-        return cls(terrain=terrain, steps=(EditStep(title="Open", document=document),))
+        first = EditStep(title="Open", document=document)
+        return cls(terrain=terrain, source=source, source_sha256=source_sha256, steps=(first,))
 
     @property
     def document(self) -> PlanDocument:
@@ -105,88 +106,3 @@ class History(Section):
         """Return the history some steps back (negative) or forth; it stays where there are none."""
         at = min(max(self.at + by, 0), len(self.steps) - 1)
         return self.model_copy(update={"at": at})
-
-
-class StoredHistory:
-    """History that is written to its file at each change.
-
-    `path`: the file, ``.desk.json``. It is written with the first edit. `terrain`: name of the raster of
-    elevations. `first`: document to begin with where there is no file.
-    """
-
-    def __init__(self, path: Path, terrain: str, first: PlanDocument) -> None:
-        self.path = path
-        self.revision = 0
-        self._lock = Lock()
-        self._history = read_history(path) if path.exists() else History.of(first, terrain)
-
-    @property
-    def history(self) -> History:
-        """The history as it stands."""
-        return self._history
-
-    @property
-    def document(self) -> PlanDocument:
-        """The document that is shown."""
-        return self._history.document
-
-    def edit(self, revision: int, title: str, document: PlanDocument) -> None:
-        """Add a step and write the file."""
-        with self._lock:
-            self._require(revision)
-            self._store(self._history.edited(title, document))
-
-    def move(self, revision: int, by: int) -> None:
-        """Undo (negative) or redo steps and write the file; the errors are those of `edit`."""
-        with self._lock:
-            self._require(revision)
-            self._store(self._history.moved(by))
-
-    def set_aside(self, name: str) -> None:
-        """Set the document aside as a variant, which can be undone; one of the same name is replaced."""
-        with self._lock:
-            others = [_plain(variant) for variant in self._history.set_aside if variant.name != name]
-            values = {"title": f"Set aside {name}"[:200], "document": _plain(self.document)}
-            variants = [*others, {"name": name, "document": values["document"]}]
-            step = validated(EditStep, {**values, "variants": variants}, "the variant")
-            self._store(self._history.edited(step.title, step.document, step.variants))
-
-    def drop_variant(self, index: int) -> None:
-        """Remove a variant by its index, which can be undone; one that does not exist is left alone."""
-        with self._lock:
-            variants = self._history.set_aside
-            if index < len(variants):
-                others = (*variants[:index], *variants[index + 1 :])
-                title = f"Remove {variants[index].name}"
-                self._store(self._history.edited(title, self.document, others))
-
-    def write(self) -> None:
-        """Write the file as it stands."""
-        with self._lock:
-            self._store(self._history)
-
-    def _require(self, revision: int) -> None:
-        if revision != self.revision:
-            raise OutdatedError("the plan was changed in another window; it is shown as it is now.")
-
-    def _store(self, history: History) -> None:
-        write_json(self.path, _plain(history))
-        if (history.at, history.steps) != (self._history.at, self._history.steps):
-            self.revision += 1
-        self._history = history
-
-
-def read_history(path: Path) -> History:
-    """Read a history."""
-    values = read_json(path, "the plan of the desk")
-    refuse_newer_schema(values, SCHEMA_VERSION, str(path))
-    history = validated(History, values, str(path))
-    if history.at >= len(history.steps):
-        raise ConfigError(
-            f"{path} shows step {history.at} of {len(history.steps)}; it was changed by hand, correct 'at'."
-        )
-    return history
-
-
-def _plain(section: Section) -> dict[str, Any]:
-    return section.model_dump(mode="json")

@@ -152,7 +152,7 @@ class LivePlanner:
     ) -> LivePlan:
         posterior = None if fitted.model is None else fitted.model.posterior
         key = (
-            document.model_dump_json(exclude={"requirement"}),
+            document.model_dump_json(exclude={"requirement", "notes"}),
             self._request(document).assumptions,
             posterior,
         )

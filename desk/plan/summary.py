@@ -1,5 +1,6 @@
 """What the page shows of a plan: legs and numbers, the predicted error as an image, and the drive in time."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,14 +10,14 @@ from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
 from desk.plan.request import command_of
 from desk.terrain.pyramid import ElevationPyramid, heights_at
-from desk.terrain.shading import DEVIATION
+from desk.terrain.shading import DEVIATION, colour_limit
 from desk.terrain.tiles import picture
-from firnline.actions.plan_request import fact_texts
+from firnline.actions.plan_texts import fact_texts
 from firnline.actions.planning import AreaPlan
 from planners.routes.rover import Rover, energy_per_metre
 from planners.swaths.reference_lines import swaths_text
 from survey import Dem, Route
-from survey.core import BoolArray, FloatArray, IntArray, round_number
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.core.map_scale import ground_lengths_m
 
 
@@ -41,7 +42,7 @@ def plan_summary(live: LivePlan, document: PlanDocument, name: str, terrain: str
             {"rings": _rings(piece.polygon), "reason": piece.reason, "text": str(piece)}
             for piece in live.plan.left_out
         ],
-        "command": command_of(document, f"{name}.gpkg", terrain, f"{name}.geojson"),
+        "command": command_of(document, f"{name}_area.gpkg", terrain, f"{name}.geojson"),
     }
 
 
@@ -60,11 +61,18 @@ def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
     Returns: ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``,
     ``p95_m``, ``worst_m``.
     """
-    std = _coarse_std(plan) if detail == "coarse" else plan.drawing.std(plan.route, plan.drawing.fine_cell_m)
+    std = _coarse_std(plan) if detail == "coarse" else _fine_std(plan)
     if std is None:
         return {"bounds": list(plan.area.bounds), "image": None}
+    return _std_picture(plan, std, colour_limit(std.elevation))
+
+
+def _fine_std(plan: AreaPlan) -> Dem | None:
+    return plan.drawing.std(plan.route, plan.drawing.fine_cell_m)
+
+
+def _std_picture(plan: AreaPlan, std: Dem, top_m: float) -> dict[str, Any]:
     known = std.elevation[np.isfinite(std.elevation)]
-    top_m = round_number(float(np.percentile(known, 98.0)) * 1.1)
     return {
         **picture(std, DEVIATION, 0.0, top_m),
         "top_m": top_m,
@@ -72,6 +80,55 @@ def error_layer(plan: AreaPlan, detail: str) -> dict[str, Any]:
         "p95_m": float(np.percentile(known, 95.0)),
         "worst_m": float(known.max()),
     }
+
+
+_SHOWN = ("rmse_m", "length_m", "time_s", "energy_j", "n_turns", "n_recharges", "left_out_share")
+
+
+def plans_beside(
+    plan: LivePlan, other: LivePlan, document: PlanDocument, document_of_other: PlanDocument
+) -> dict[str, Any]:
+    """Return two plans side by side.
+
+    Returns: ``rows`` of title, value of the plan, value of the other one and difference, all as text; the predicted
+    errors ``error`` and ``error_of_other`` in the same colours, None where a plan predicts none; the ``lines`` of the
+    other route.
+    """
+    facts, others = plan.plan.route.prediction, other.plan.route.prediction
+    rows = [_fact_row(name, facts, others) for name in _SHOWN if name in facts and name in others]
+    stds = [_fine_std(one.plan) for one in (plan, other)]
+    known = [std for std in stds if std is not None]
+    top_m = colour_limit(np.concatenate([std.elevation.ravel() for std in known])) if known else 0.0
+    pictures = [
+        None if std is None else _std_picture(one.plan, std, top_m)
+        for one, std in zip((plan, other), stds, strict=True)
+    ]
+    return {
+        "rows": [*rows, *_setting_rows(document, document_of_other)],
+        "error": pictures[0],
+        "error_of_other": pictures[1],
+        "lines": [leg.xy.tolist() for leg in other.plan.route.legs],
+    }
+
+
+def _fact_row(name: str, facts: Mapping[str, float], others: Mapping[str, float]) -> list[str]:
+    (title, text), (_, text_of_other) = fact_texts(facts)[name], fact_texts(others)[name]
+    step = others[name] - facts[name]
+    sign = "same" if step == 0 else ("+" if step > 0 else "−") + fact_texts({name: abs(step)})[name][1]
+    short = [part.split(" of the ")[0].split(" (")[0] for part in (text, text_of_other, sign)]
+    return [title, *short]
+
+
+def _setting_rows(document: PlanDocument, other: PlanDocument) -> list[list[str]]:
+    """Return the settings in which two documents differ."""
+    rows = []
+    for section in ("planner", "rover", "fleet"):
+        values, others = getattr(document, section), getattr(other, section)
+        for name in dict.fromkeys((*values, *others)):
+            if values.get(name) != others.get(name):
+                stated = ("–" if one.get(name) is None else str(one[name]) for one in (values, others))
+                rows.append([name.replace("_", " "), *stated, ""])
+    return rows
 
 
 def _coarse_std(plan: AreaPlan) -> Dem | None:

@@ -4,17 +4,17 @@ A job is started, followed by server-sent events and given up. Measurements are 
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any, Literal
 
-from anyio import to_thread
+from anyio import sleep, to_thread
 from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 
-from desk.jobs.job import Event, Job
+from desk.jobs.job import Job
 from desk.plan.document import PlanDocument
-from desk.server.replies import body_of, report_file
+from desk.server.replies import BusyError, body_of, report_file
 from desk.workspace import Workspace
 from survey.core import ConfigError, FloatArray, InputError, Section, stream, validated
 
@@ -68,7 +68,8 @@ def _map(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, An
 
 
 def _next(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
-    from desk.measured import SIGMA_M, proposed_swath
+    from desk.measured import proposed_swath
+    from desk.plan.dropped import SIGMA_M
     from desk.plan.request import requirement_request
     from firnline.actions.guaranteeing import requirement_of
     from survey import Route, SurfacePoints
@@ -120,10 +121,17 @@ async def start(request: Request) -> Response:
     return JSONResponse({"job": job.name}, 201)
 
 
-def events(request: Request) -> Response:
-    """Answer with the events of a job as they come."""
-    job = request.app.state.workspace.jobs.find(request.path_params["job"])
-    return StreamingResponse(_lines(job), media_type="text/event-stream")
+_MOST_STREAMS = 32
+_POLL_S, _PATIENCE_S = 0.1, 15.0
+
+
+async def events(request: Request) -> Response:
+    """Answer with the events of a job as they come; no thread waits for them."""
+    workspace: Workspace = request.app.state.workspace
+    job = workspace.jobs.find(request.path_params["job"])
+    if workspace.n_streams >= _MOST_STREAMS:
+        raise BusyError(f"{_MOST_STREAMS} windows follow computations already; close one.")
+    return StreamingResponse(_lines(job, workspace), media_type="text/event-stream")
 
 
 def cancel(request: Request) -> Response:
@@ -147,13 +155,24 @@ def report(request: Request) -> Response:
     return report_file(job.files.get("report"), request.path_params["name"])
 
 
-def _lines(job: Job) -> Iterator[str]:
-    for event in job.events():
-        yield ": waiting\n\n" if event is None else _line(event)
-
-
-def _line(event: Event) -> str:
-    return f"data: {json.dumps(event)}\n\n"
+async def _lines(job: Job, workspace: Workspace) -> AsyncIterator[str]:
+    """Yield the events from the first on, and a comment at times at which nothing comes."""
+    seen, waited_s = 0, 0.0
+    workspace.n_streams += 1
+    try:
+        while True:
+            is_over, fresh = job.is_over, job.events(seen)
+            for event in fresh:
+                yield f"data: {json.dumps(event)}\n\n"
+            seen += len(fresh)
+            if is_over:
+                return
+            waited_s = 0.0 if fresh or waited_s > _PATIENCE_S else waited_s + _POLL_S
+            if waited_s > _PATIENCE_S:
+                yield ": waiting\n\n"
+            await sleep(_POLL_S)
+    finally:
+        workspace.n_streams -= 1
 
 
 _ROLES: tuple[Literal["points", "checkpoints", "driven"], ...] = ("points", "checkpoints", "driven")
@@ -164,22 +183,29 @@ class CheckpointRequest(Section):
 
     n: int = Field(default=30, ge=1, le=200)
     """How many."""
+    max_slope_deg: float = Field(default=10.0, gt=0.0, le=60.0)
+    """Steepest ground [deg]."""
+    reach_m: float | None = Field(default=None, gt=0.0)
+    """Largest distance from the route [m]; anywhere in the area without one."""
 
 
 async def checkpoints(request: Request) -> Response:
-    """Answer with places for checkpoints, well spread over gentle ground of the area."""
+    """Answer with places for checkpoints over gentle ground of the area, and what of their spread could not be kept."""
     workspace: Workspace = request.app.state.workspace
     given = validated(CheckpointRequest, await body_of(request), "the request")
-    places = await to_thread.run_sync(_checkpoint_places, workspace, given.n)
-    return JSONResponse({"places": places.round(2).tolist()})
+    places, lost = await to_thread.run_sync(_checkpoint_places, workspace, given)
+    return JSONResponse({"places": places.round(2).tolist(), "note": lost})
 
 
-def _checkpoint_places(workspace: Workspace, n: int) -> FloatArray:
-    from survey.scoring import design_checkpoints
+def _checkpoint_places(workspace: Workspace, given: CheckpointRequest) -> tuple[FloatArray, str]:
+    from survey.scoring.standards.checkpoints import fitting_checkpoints
 
-    area = workspace.store.document.survey_area(workspace.crs)
-    terrain = workspace.planner.prior(area)
-    return design_checkpoints(area, n, stream(0, "desk", "checkpoints"), terrain=terrain)
+    document = workspace.store.document
+    area = document.survey_area(workspace.crs)
+    ground: dict[str, Any] = {"terrain": workspace.planner.prior(area), "max_slope_deg": given.max_slope_deg}
+    if given.reach_m is not None:
+        ground |= {"route": workspace.planner.quick(document).plan.route, "reach_m": given.reach_m}
+    return fitting_checkpoints(area, given.n, stream(0, "desk", "checkpoints"), **ground)
 
 
 async def take(request: Request) -> Response:

@@ -26,6 +26,7 @@ def site(request: Request) -> Response:
             "name": workspace.name,
             "terrain": workspace.terrain.name,
             "folder": str(workspace.folder),
+            "notice": workspace.notice,
             "crs": {"name": workspace.crs.name, "code": ":".join(workspace.crs.to_authority() or ("", ""))},
             "grid_per_ground": workspace.map_scale,
             "tiles": workspace.tiles.grid(),

@@ -1,5 +1,7 @@
 """Routes of the plan: its document, its route and predicted error, variants, exports, and dropped files."""
 
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from anyio import to_thread
@@ -7,10 +9,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from desk.plan.document import PlanDocument
-from desk.plan.history import OutdatedError, StoredHistory, Variant
+from desk.plan.history import OutdatedError, Variant
+from desk.plan.history_file import StoredHistory
 from desk.server.replies import body_of
 from desk.workspace import Workspace
-from survey.core import ConfigError, FirnlineError, Section, validated
+from survey.core import ConfigError, FirnlineError, InputError, Section, validated
 
 if TYPE_CHECKING:
     from desk.plan.live import LivePlan
@@ -142,6 +145,20 @@ async def add(request: Request) -> Response:
     return await to_thread.run_sync(table, request)
 
 
+def beside(request: Request) -> Response:
+    """Answer with the plan and a variant side by side."""
+    from desk.plan.summary import plans_beside
+
+    workspace: Workspace = request.app.state.workspace
+    document, variants = workspace.store.document, workspace.store.history.set_aside
+    index = request.path_params["index"]
+    if index >= len(variants):
+        raise InputError("there is no such variant any more; reload the page.")
+    other = variants[index].document
+    plans = workspace.planner.exact(document), workspace.planner.exact(other)
+    return JSONResponse({"name": variants[index].name, **plans_beside(*plans, document, other)})
+
+
 def remove(request: Request) -> Response:
     """Remove a variant."""
     workspace: Workspace = request.app.state.workspace
@@ -151,7 +168,7 @@ def remove(request: Request) -> Response:
 
 def _row(workspace: Workspace, variant: Variant) -> dict[str, Any]:
     """Return the numbers of a variant, or why it is refused."""
-    from firnline.actions.plan_request import fact_texts
+    from firnline.actions.plan_texts import fact_texts
 
     content = {"name": variant.name, "document": variant.document.model_dump(mode="json")}
     try:
@@ -164,16 +181,28 @@ def _row(workspace: Workspace, variant: Variant) -> dict[str, Any]:
 
 def export(request: Request) -> Response:
     """Answer with a file of the plan."""
-    from desk.plan.exports import PlanExport
+    from desk.plan.exports import MissionOptions, PlanExport, known_kind
 
     workspace: Workspace = request.app.state.workspace
-    document = workspace.store.document
-    live = workspace.planner.exact(document)
-    plan = PlanExport(live, document, workspace.name, workspace.terrain)
-    file = plan.file(request.path_params["kind"])
+    kind, document = known_kind(request.path_params["kind"]), workspace.store.document
+    missions = validated(MissionOptions, _parsed(request.query_params), "the mission")
+    plan = PlanExport(
+        workspace.planner.exact(document), document, workspace.name, workspace.terrain, missions
+    )
+    file = plan.file(kind)
     ascii_name = file.name.encode("ascii", "replace").decode().replace('"', "_").replace("\\", "_")
     headers = {"content-disposition": f'attachment; filename="{ascii_name}"'}
     return Response(file.content, media_type="application/octet-stream", headers=headers)
+
+
+def _parsed(given: Mapping[str, str]) -> dict[str, Any]:
+    """Return the values of an address: numbers, ``true`` and ``false`` as what they are, others as text."""
+    values: dict[str, Any] = {}
+    for name, text in given.items():
+        values[name] = {"true": True, "false": False}.get(text, text)
+        with suppress(ValueError):
+            values[name] = float(text)
+    return values
 
 
 async def dropped_file(request: Request) -> Response:

@@ -13,7 +13,19 @@ from survey.core import CapacityError, ConfigError, FirnlineError, InputError, p
 
 _REPORT_POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'; sandbox"
 _REPORT_TYPES = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
-_STATUS = ((OutdatedError, 409), (CapacityError, 413), (FirnlineError, 422))
+
+
+class SlowRequestError(FirnlineError):
+    """A request that does not arrive in time."""
+
+
+class BusyError(FirnlineError):
+    """More than is answered at once."""
+
+
+_STATUS = (
+    (OutdatedError, 409), (SlowRequestError, 408), (BusyError, 429), (CapacityError, 413), (FirnlineError, 422),
+)  # fmt: skip
 _NO_OBJECT = "the request is no JSON object; it was not made by this page."
 
 
@@ -25,6 +37,12 @@ def refused(request: Request, error: Exception) -> Response:
     logging.getLogger("firnline").error("%s failed", request.url.path, exc_info=error)
     sentence = f"internal fault, {type(error).__name__}: {error}; report it with the log of the server."
     return JSONResponse({"error": printable(sentence)}, 500)
+
+
+def left(request: Request, error: Exception) -> Response:
+    """Answer a client that is gone before its request has arrived; it is no fault of the server."""
+    del request, error
+    return PlainTextResponse("The request did not arrive.", 400)
 
 
 async def body_of(request: Request) -> dict[str, Any]:

@@ -9,24 +9,30 @@ import logging
 import secrets
 import socket
 import webbrowser
-from collections.abc import Iterable
+from asyncio import TimerHandle
+from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from threading import Thread
+from typing import Any
 from urllib.parse import parse_qs
 
 import typer
 import uvicorn
+from anyio import current_time, move_on_after
 from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from desk.plan.history_file import HeldError, held
 from desk.server import job_routes as jobs
 from desk.server import map_routes as maps
 from desk.server import plan_routes as plan
 from desk.server import replies
-from desk.server.replies import refused
+from desk.server.replies import SlowRequestError, left, refused
 from desk.workspace import Workspace, open_workspace, write_demo
 from survey.core import CapacityError, FirnlineError, InputError
 
@@ -51,6 +57,7 @@ _ROUTES = (
     Route("/api/variants", plan.table),
     Route("/api/variants", plan.add, methods=["POST"]),
     Route("/api/variants/{index:int}", plan.remove, methods=["DELETE"]),
+    Route("/api/variants/{index:int}/beside", plan.beside),
     Route("/api/jobs", jobs.start, methods=["POST"]),
     Route("/api/jobs/{job}", jobs.cancel, methods=["DELETE"]),
     Route("/api/jobs/{job}/events", jobs.events),
@@ -68,7 +75,7 @@ _ROUTES = (
 
 def desk_app(workspace: Workspace) -> Starlette:
     """Return the application, without the gate that keeps others out."""
-    handlers = {FirnlineError: refused, Exception: refused}
+    handlers = {FirnlineError: refused, ClientDisconnect: left, Exception: refused}
     app = Starlette(routes=list(_ROUTES), exception_handlers=handlers)
     app.state.workspace = workspace
     return app
@@ -80,21 +87,66 @@ _DEMO_FOLDER = Path("firnline-desk-demo")
 def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, demo: bool = False) -> None:
     """Serve the desk until it is interrupted."""
     with open_workspace(write_demo(_DEMO_FOLDER) if demo else source, Path.cwd()) as workspace:
-        listener = _listener(port)
-        gate = Gate(desk_app(workspace), listener.getsockname()[1])
-        typer.echo(f"firnline desk  {gate.address}")
-        typer.echo(f"plan           {workspace.store.path} (stored at every edit); Ctrl+C ends the desk")
-        if opens_browser:
-            webbrowser.open(gate.address)
-        config = uvicorn.Config(
-            gate,
-            log_level=logging.WARNING,
-            access_log=False,
-            server_header=False,
-            timeout_graceful_shutdown=2,
-        )
-        Thread(target=_load_planners, name="desk-loading", daemon=True).start()
-        uvicorn.Server(config).run(sockets=[listener])
+        try:
+            with held(workspace.store.path) as publish:
+                _serve(workspace, port, publish, opens_browser=opens_browser)
+        except HeldError as other:
+            typer.echo(f"the plan {workspace.store.path} is open already; join it at  {other}")
+            if opens_browser:
+                webbrowser.open(str(other))
+
+
+def _serve(workspace: Workspace, port: int, publish: Callable[[str], None], *, opens_browser: bool) -> None:
+    listener = _listener(port)
+    gate = Gate(desk_app(workspace), listener.getsockname()[1], publish)
+    typer.echo(f"firnline desk  {gate.address}")
+    typer.echo(f"plan           {workspace.store.path} (stored at every edit); Ctrl+C ends the desk")
+    if workspace.notice:
+        typer.echo(f"note           {workspace.notice}")
+    if opens_browser:
+        webbrowser.open(gate.address)
+    Thread(target=_load_planners, name="desk-loading", daemon=True).start()
+    uvicorn.Server(server_config(gate)).run(sockets=[listener])
+
+
+def server_config(gate: ASGIApp) -> uvicorn.Config:
+    """Return the settings of the server."""
+    return uvicorn.Config(
+        gate,
+        http=PatientProtocol,
+        log_level=logging.WARNING,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=2,
+    )
+
+
+REQUEST_S = 30.0
+"""Longest time that a request takes to arrive: its head, and its body [s]."""
+
+
+class PatientProtocol(H11Protocol):
+    """HTTP/1.1 that closes a connection on which the head of a request does not arrive in time."""
+
+    _waiting: TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Begin to wait for the first request."""
+        super().connection_made(transport)
+        self._await_head()
+
+    def data_received(self, data: bytes) -> None:
+        """Go on waiting while the head of a request is incomplete."""
+        super().data_received(data)
+        self._await_head()
+
+    def _await_head(self) -> None:
+        if self.cycle is not None and not self.cycle.response_complete:
+            if self._waiting is not None:
+                self._waiting.cancel()
+            self._waiting = None
+        elif self._waiting is None:
+            self._waiting = self.loop.call_later(REQUEST_S, self.timeout_keep_alive_handler)
 
 
 def _load_planners() -> None:
@@ -157,20 +209,28 @@ class Gate:
     that of the server, against DNS rebinding. The origin, where the browser states one, has to be that of the
     page, against requests of other pages; requests that change something have to state it.
 
-    `app`: what is behind the gate. `port`: port of the server on 127.0.0.1.
+    `app`: what is behind the gate. `port`: port of the server on 127.0.0.1. `publish`: takes the address with the next
+    token each time that one is used up; without it there is one token only.
 
     >>> gate = Gate(lambda *_: None, 8000)
     >>> gate.address.startswith("http://127.0.0.1:8000/?token=")
     True
     """
 
-    def __init__(self, app: ASGIApp, port: int) -> None:
+    def __init__(self, app: ASGIApp, port: int, publish: Callable[[str], None] | None = None) -> None:
         self._app = app
         self._host = f"127.0.0.1:{port}"
         self._origin = f"http://{self._host}"
         self._cookie = f"firnline_desk_{port}"
-        self._token: str | None = secrets.token_urlsafe(32)
+        self._publish = publish
+        self._token: str | None = self._new_token()
         self._session = secrets.token_urlsafe(32)
+
+    def _new_token(self) -> str:
+        token = secrets.token_urlsafe(32)
+        if self._publish is not None:
+            self._publish(f"{self._origin}/?token={token}")
+        return token
 
     @property
     def address(self) -> str:
@@ -215,7 +275,7 @@ class Gate:
             return None
         if self._token is None or not _equal(given[0], self._token):
             return None if self._has_session(scope) else _locked()
-        self._token = None
+        self._token = None if self._publish is None else self._new_token()
         answer = HTMLResponse(_WELCOME)
         answer.set_cookie(self._cookie, self._session, path="/", httponly=True, samesite="strict")
         return answer
@@ -257,12 +317,19 @@ def _equal(given: str, expected: str) -> bool:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Count the bytes that arrive, and do not rely on the header."""
-    arrived = 0
+    """Count the bytes that arrive, and do not rely on the header; end a body that does not arrive in time."""
+    arrived, is_complete = 0, False
+    until = current_time() + REQUEST_S
 
     async def counted() -> Message:
-        nonlocal arrived
-        message = await receive()
+        nonlocal arrived, is_complete
+        if is_complete:
+            return await receive()
+        with move_on_after(until - current_time()) as waiting:
+            message = await receive()
+        if waiting.cancelled_caught:
+            raise SlowRequestError(f"the request did not arrive within {REQUEST_S:g} s; send it again.")
+        is_complete = not message.get("more_body", False)
         arrived += len(message.get("body", b""))
         if arrived > LARGEST_BODY_BYTES:
             raise TooLargeError(_TOO_LARGE)
@@ -276,11 +343,10 @@ def _protected(send: Send) -> Send:
 
     async def with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
+            # Of two policies a browser obeys both: what an answer states itself stands alone.
             stated = {name.lower() for name, _ in message["headers"]}
-            added = (
-                dict(_HEADERS) if b"cache-control" in stated else {**_HEADERS, "cache-control": "no-store"}
-            )
-            message["headers"] = [*message["headers"], *((k.encode(), v.encode()) for k, v in added.items())]
+            added = ((name.encode(), value.encode()) for name, value in _HEADERS.items())
+            message["headers"] = [*message["headers"], *(pair for pair in added if pair[0] not in stated)]
         await send(message)
 
     return with_headers

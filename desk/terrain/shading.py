@@ -58,6 +58,20 @@ def legend_colours(table: Table, n: int = 8) -> list[str]:
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in rows]
 
 
+_ROUND = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+def colour_limit(values: npt.NDArray[np.float64]) -> float:
+    """Return a round number that at most 2 % of the sizes of some values are above; NaN counts as no value.
+
+    >>> colour_limit(np.array([0.19, -0.18, np.nan]))
+    0.2
+    """
+    top = max(float(np.nanpercentile(np.abs(values), 98.0)), 1e-3)
+    power = 10.0 ** math.floor(math.log10(top))
+    return float(f"{next(factor for factor in _ROUND if factor * power >= top) * power:.2g}")
+
+
 Pixels = npt.NDArray[np.uint8]
 
 LARGEST_SLOPE_DEG = 45.0

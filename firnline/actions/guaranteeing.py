@@ -1,4 +1,4 @@
-"""Plans that guarantee a map class: before the survey, with the errors that the path shares, or swath by swath."""
+"""Plans that guarantee a map class: before the survey, or swath by swath."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any, cast
 
 import planners
 import survey
-from firnline.actions.interface import NotMetError, Progress, Result, fact_line, no_progress
+from firnline.actions.interface import NotMetError, Progress, fact_line, no_progress
 from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult
+from firnline.actions.plan_texts import level_text
 from survey.core import ConfigError, InputError, length_text
 
 if TYPE_CHECKING:
     from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement
-    from sim.config.mission import MissionConfig
-    from sim.mission.foresight import PredictedSurvey
 
 
 def limit_of(require: str) -> float:
@@ -69,6 +68,7 @@ def found_guarantee(
 def refusal_text(made: "Guarantee") -> str:
     """Return why a guarantee does not hold, and what can be reached, in one sentence."""
     from planners.guarantee.requirement import reachable_class
+    from planners.guarantee.survey_lines import LONGEST_M
 
     requirement = made.requirement
     reason = f" {contradiction_text(made)}; " if made.is_contradicted else " "
@@ -80,9 +80,15 @@ def refusal_text(made: "Guarantee") -> str:
             f"{reason}--adaptive learns how rough the ground is from its first swaths."
         )
     best = reachable_class(made.reachable_m)
+    is_longest = made.length_m > LONGEST_M and requirement.max_swaths is None
+    longest = (
+        f", more than {length_text(LONGEST_M)} to drive are tried with --max-swaths alone"
+        if is_longest
+        else ""
+    )
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
-        f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
+        f"{made.config.swaths} swaths{longest}; with that probability they reach {made.reachable_m:.3g} m, "
         f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}{_way_out(made)}"
     )
 
@@ -91,9 +97,16 @@ def _way_out(made: "Guarantee") -> str:
     """Return what other numbers of swaths reach, and how the best of them is planned."""
     options = "; ".join(str(one) for one in made.options)
     return (
-        f"predicted are {options}; --swaths {made.config.swaths} --pattern {made.config.pattern} instead of --require plans the "
+        f"predicted are {options}; the level of the densest's map errs by {_level_of(made)}; --swaths {made.config.swaths} --pattern {made.config.pattern} instead of --require plans the "
         "densest, and --adaptive learns how rough the ground is from its first swaths."
     )
+
+
+def _level_of(made: "Guarantee") -> str:
+    """Return how much of the map's error its level is, and what known heights change."""
+    own = next(one for one in made.options if one.swaths == made.config.swaths)
+    levels = {name: one.rmse_m for name, one in own.by_level.items()}
+    return level_text(made.requirement.shared_m, made.level_m, own.prior_level_share, levels)
 
 
 def contradiction_text(made: "Guarantee") -> str:
@@ -141,7 +154,8 @@ class GuaranteedPlan(PlanResult):
             "simulated_shares": {
                 name: made.simulated.share(limit_m, name) for name in dict.fromkeys(made.simulated.grounds)
             },
-            "options": [one._asdict() for one in made.options],
+            "options": [one.facts() for one in made.options],
+            "prior_level_m": made.level_m,
             "stakes": None if made.stakes is None else str(made.stakes),
             "assumed": made.assumptions,
         } | {
@@ -170,6 +184,7 @@ class GuaranteedPlan(PlanResult):
             )
         if made.stakes is not None:
             facts["or"] = str(made.stakes)
+        facts["level of the map"] = _level_of(made)
         facts["not included"] = "errors of position that grow along the path (--joint predicts them)"
         facts["written to"] = self.request.written_text
         first = (
@@ -189,136 +204,6 @@ def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> G
     made = found_guarantee(area, prior, requirement, progress)
     drawing = PlanDrawing(area, prior, planners.prior_model(prior, area, request.assumptions))
     return GuaranteedPlan(request=request, route=made.route, drawing=drawing, guarantee=made)
-
-
-_MOST_FURTHER = 6
-_ROUGHER = (
-    "relief that the prior's cells do not show, beyond reconstruction.gp.nugget_m (0.15 m by default); on rough ground it "
-    "is the larger error: firnline plan AREA --prior RASTER --require counts it, firnline rehearse tries it"
-)
-
-
-@dataclass(frozen=True)
-class SurveyOptions(Result):
-    """Surveys that meet a class, by numbers of swaths and stakes.
-
-    `best`: the one with the least to drive. `options`: all that meet it. `limit_m`: largest RMSE [m].
-    """
-
-    best: "PredictedSurvey"
-    options: list["PredictedSurvey"]
-    limit_m: float
-
-    def facts(self) -> dict[str, Any]:
-        """Return the limit and the surveys."""
-        return {"limit_m": self.limit_m, "ways": [way._asdict() for way in self.options]}
-
-    def survey_lines(self) -> list[str]:
-        """Return the surveys, the one with the least to drive first."""
-        others = [fact_line("or", way) for way in self.options if way != self.best]
-        return [f"least to drive: {self.best}", *others]
-
-    def lines(self) -> list[str]:
-        """Return the surveys, and what their prediction does not include."""
-        return [*self.survey_lines(), fact_line("not included", _ROUGHER)]
-
-
-def survey_options(mission: "MissionConfig", limit_m: float, probability: float) -> SurveyOptions:
-    """Return the surveys with which the map of a mission meets a class."""
-    from sim.mission.capacity import require_mission
-    from sim.mission.foresight import surveys_within
-
-    world = require_mission(mission)
-    options = list(surveys_within(mission, world, limit_m=limit_m, probability=probability))
-    return SurveyOptions(_cheapest_of(options, limit_m, probability), options, limit_m)
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointPlan(PlanResult):
-    """Route with the least to drive that meets a class with the errors that its path shares.
-
-    `surveys`: surveys that meet the class. `assumed`: what the guarantee assumes.
-    """
-
-    surveys: SurveyOptions
-    assumed: str
-
-    def facts(self) -> dict[str, Any]:
-        """Return files, limit and surveys."""
-        return {**self.request.written, **self.surveys.facts()}
-
-    def lines(self) -> list[str]:
-        """Return the surveys, and what they rest on."""
-        return [
-            *self.surveys.survey_lines(),
-            fact_line("assumed", self.assumed),
-            fact_line("written to", self.request.written_text),
-        ]
-
-
-def plan_joint(request: PlanRequest, progress: Progress = no_progress) -> JointPlan:
-    """Plan the route with the least to drive that meets the class with the errors that its path shares.
-
-    No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
-    between the cells of the prior to be smooth.
-    """
-    from sim.config.mission import MissionConfig
-    from sim.mission.foresight import surveys_within
-    from sim.world.site import World
-    from survey.core import validated, with_overrides
-
-    stated = validated(
-        MissionConfig, with_overrides(_mission_values(request), request.settings), "the options"
-    )
-    area, prior = prior_of(request)
-    made = found_guarantee(area, prior, requirement_of(request), progress)
-    mission = stated.model_copy(update={"planner": made.config})
-    limit_m, least = made.requirement.limit_m, made.config.swaths or 1
-    found = surveys_within(
-        mission,
-        World(prior, prior, area),
-        limit_m=limit_m,
-        probability=request.probability,
-        least_swaths=least,
-        most_swaths=least + _MOST_FURTHER,
-    )
-    options = list(found)
-    best = _cheapest_of(options, limit_m, request.probability, least + _MOST_FURTHER)
-    config = made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
-    return JointPlan(
-        request=request,
-        route=planners.plan(area, prior, config),
-        drawing=PlanDrawing(area, prior),
-        surveys=SurveyOptions(best, options, limit_m),
-        assumed=f"{made.assumptions}; without errors of position {least} swaths are enough",
-    )
-
-
-def _mission_values(request: PlanRequest) -> dict[str, object]:
-    """Return what the options of the command say as a mission; the terrain is given beside it."""
-    return {
-        "schema_version": 1,
-        "name": "plan",
-        "terrain": {"source": "srtm-sample"},
-        "planner": {"pattern": "lawnmower", "swaths": 4},
-        "satellite": {"sigma_m": request.prior_sigma_m},
-        "reconstruction": {"joint": {"satellite": {"sigma_m": max(request.prior_sigma_m, 0.01)}}},
-    }
-
-
-def _cheapest_of(
-    options: list["PredictedSurvey"], limit_m: float, probability: float, most_swaths: int = 8
-) -> "PredictedSurvey":
-    """Return the survey with the least to drive; refuse where there is none."""
-    from sim.mission.foresight import cheapest
-
-    best = cheapest(options)
-    if best is None:
-        raise NotMetError(
-            f"no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
-            f"with {probability:.0%}; ask for a larger error, or for better sensors."
-        )
-    return best
 
 
 _TEXTS: dict[str, Callable[[Any], str]] = {
@@ -376,7 +261,7 @@ def swath_advice(
     """Return the swath to drive next after what was driven and measured, or that none is needed or none would help."""
     from planners.guarantee.adaptive import AdaptiveConfig, next_swath
 
-    config = AdaptiveConfig.across_grain(requirement, area, prior)
+    config = AdaptiveConfig.of_prior(requirement, area, prior)
     return next_swath(area, driven, points.xy, points.xyz[:, 2], config)
 
 
@@ -387,7 +272,7 @@ def _plan_first(
     from planners.guarantee.adaptive import AdaptiveConfig, first_swaths
     from planners.guarantee.guarantee import posterior_of
 
-    config = AdaptiveConfig.across_grain(requirement, area, prior)
+    config = AdaptiveConfig.of_prior(requirement, area, prior)
     route = first_swaths(area, posterior_of(area, prior, requirement), config)
     step = "drive and measure them, then run this again with --driven and --measured"
     stated = {"swaths": len(route.swaths), "next": step}

@@ -6,10 +6,9 @@ QGIS project, with the predicted standard deviation of the map.
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -26,7 +25,7 @@ from firnline.actions.interface import (
     refuse_existing,
 )
 from firnline.actions.requests import Above, Below, Lengths, NoPictures, Product, RunOptions, Select
-from survey.core import InputError, duration_text, energy_text, length_text
+from survey.core import InputError
 
 if TYPE_CHECKING:
     from planners.prediction.assumptions import MapAssumptions, Surface
@@ -444,38 +443,6 @@ def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing
         write_plan_project(request, route, drawing)
     else:
         _write_route(request, route, drawing)
-
-
-def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
-    """Return title and text of each number that is expected of a route, by its name."""
-    texts: dict[str, tuple[str, Callable[[float], str]]] = {
-        "length_m": ("length", length_text),
-        "n_turns": ("turns", "{:.0f}".format),
-        "time_s": ("time", duration_text),
-        "energy_j": ("energy", energy_text),
-        "n_recharges": ("recharges", "{:.0f}".format),
-        "transit_share": ("transit", "{:.1%} of the swaths' length".format),
-        "left_out_share": ("left out", "{:.1%} of the area".format),
-        "rmse_m": ("predicted RMSE", partial(_error_text, prediction)),
-        "map_scale": ("scale of the CRS", "{:.6f}".format),
-        "prior_covered_share": ("prior", "covers {:.1%} of the area".format),
-    }
-    rows = {}
-    for name, value in prediction.items():
-        if name in ("rmse_low_m", "rmse_high_m"):
-            continue  # part of the text of the RMSE
-        title, text = texts.get(name, (name.replace("_", " ").removesuffix(" m"), "{:.4g}".format))
-        if name.startswith("wait_s_rover_"):
-            title, text = f"rover {int(name.rsplit('_', 1)[1]) + 1} departs after", duration_text
-        rows[name] = (title, text(value))
-    return rows
-
-
-def _error_text(prediction: Mapping[str, float], rmse_m: float) -> str:
-    """Return the expected error with the bounds that it lies between with 80 %."""
-    if "rmse_low_m" not in prediction:
-        return f"{rmse_m:.2f} m"
-    return f"{rmse_m:.2f} m ({prediction['rmse_low_m']:.2f} to {prediction['rmse_high_m']:.2f} m with 80 %)"
 
 
 def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 import planners
 import survey
 from firnline.actions.guaranteeing import (
-    SurveyOptions,
-    limit_of,
     plan_adaptive,
     plan_guaranteed,
-    plan_joint,
-    survey_options,
 )
 from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, previewed_by
-from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, fact_texts, with_remarks
+from firnline.actions.joint_planning import plan_joint, plan_mission_swaths
+from firnline.actions.plan_request import PlanDrawing, PlanRequest, PlanResult, with_remarks
+from firnline.actions.plan_texts import fact_texts
 from firnline.actions.season import plan_season
 from survey.core import ConfigError, InputError, area_text
 
@@ -261,7 +259,7 @@ def mode_of(request: PlanRequest) -> Callable[[PlanRequest, Progress], Result]:
         require_probability(request.probability)
     if request.is_mission:
         check_mission_plan(request)
-        return _required_swaths
+        return plan_mission_swaths
     mode = _mode_of_area(request)
     request.check_outputs()
     return mode
@@ -279,15 +277,6 @@ def _mode_of_area(request: PlanRequest) -> Callable[[PlanRequest, Progress], Pla
             f"{', '.join(stated)} goes with --require; give the class or error that is required."
         )
     return plan_area
-
-
-def _required_swaths(request: PlanRequest, progress: Progress) -> SurveyOptions:
-    """Return the numbers of swaths and stakes with which the mission's map meets the class."""
-    from sim.mission.runs import read_mission
-
-    del progress
-    mission = read_mission(request.source, request.settings)
-    return survey_options(mission, limit_of(str(request.require)), request.probability)
 
 
 def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
@@ -324,8 +313,6 @@ def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], P
 
 def _facts(request: PlanRequest) -> dict[str, Any]:
     """Return area, pattern and prior of a request."""
-    from survey.core.map_scale import ground_area_m2
-
     pattern, config = "chosen for the guarantee" if request.season is None else "chosen for the season", None
     if request.require is None and request.season is None:
         config = checked_options(request)
@@ -336,7 +323,7 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
 
         homes_of(area, Crew(config.rover, config.fleet))
     facts = {
-        "area": f"{request.source}, {area_text(ground_area_m2(area.crs, area.polygon))}, {area.crs.name}",
+        "area": f"{request.source}, {area_text(area.ground_area_m2)}, {area.crs.name}",
         "pattern": pattern,
     }
     if prior is not None:

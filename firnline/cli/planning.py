@@ -116,7 +116,7 @@ def desk(
         from desk.server.serve import serve
     except ModuleNotFoundError as error:
         raise InputError(
-            f"the desk needs {error.name}, which is not installed; install firnline[desk]."
+            f"the desk needs {error.name}, which is not installed; in the folder of firnline, run pipx install --force '.[desk]'."
         ) from error
     serve(source, port=port, opens_browser=not no_browser, demo=demo)
 

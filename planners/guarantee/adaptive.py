@@ -29,11 +29,12 @@ import shapely
 
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import settings_factor
-from planners.guarantee.requirement import ErrorLimit
+from planners.guarantee.requirement import ErrorLimit, MapRequirement
 from planners.guarantee.survey_lines import SurveyLines, gaps_filled, smallest_sufficient
 from planners.patterns.wavy import WavyConfig
 from planners.prediction.error_distribution import FITTED_KERNEL_INFLATION, MapPrediction, MapPredictor
 from planners.prediction.kernel_posterior import KernelPosterior, checked_by_lines, posterior_from_survey
+from planners.prediction.prior_cells import PriorCells
 from planners.routes.traversability import on_free_ground
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, InputError, Leg, Route, SurveyArea
@@ -69,12 +70,14 @@ class AdaptiveConfig(ErrorLimit):
     when left out. The prediction assumes terrain that varies alike in all directions: let swaths run across a
     marked grain (`planners.swaths.heading.across_marked_grain`), not along it. `shared_m`: standard deviation
     of an error of height that all samples share, as of the path [m]. `max_swaths`: most swaths to drive; by
-    default as many as are two samples apart, 30 or more.
+    default as many as are two samples apart, 30 or more. `cells`: cells of the prior that the map is made with, as in
+    `planners.prediction.error_model.ErrorModel`; without them the map is that of the samples alone.
     """
 
     n_first: int = 2
     first_probability: float = 0.8
     heading_deg: float | None = None
+    cells: PriorCells | None = None
 
     @classmethod
     def of(cls, requirement: ErrorLimit, heading_deg: float | None = None) -> Self:
@@ -86,9 +89,10 @@ class AdaptiveConfig(ErrorLimit):
         return cls(**{name: getattr(requirement, name) for name in names}, heading_deg=heading_deg)
 
     @classmethod
-    def across_grain(cls, requirement: ErrorLimit, area: SurveyArea, prior: Dem) -> Self:
-        """Take limit, probability and errors from a requirement, and a heading across a marked grain of the terrain."""
-        return cls.of(requirement, across_marked_grain(area.free, prior))
+    def of_prior(cls, requirement: MapRequirement, area: SurveyArea, prior: Dem) -> Self:
+        """Take limit, probability and errors from a requirement, and cells of a prior with a heading across its marked grain."""
+        config = cls.of(requirement, across_marked_grain(area.free, prior))
+        return replace(config, cells=PriorCells.of(prior, area, requirement.prior_sigma_m))
 
 
 def nearest_line(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:
@@ -102,7 +106,7 @@ class AdaptiveState:
     def __init__(self, area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig) -> None:
         self.config, self.posterior = config, posterior
         self.lines = SurveyLines(area, config.heading_deg)
-        self.predictor = MapPredictor(area, config.sample_step_m, FITTED_KERNEL_INFLATION)
+        self.predictor = MapPredictor(area, config.sample_step_m, FITTED_KERNEL_INFLATION, config.cells)
         self.most = config.max_swaths or max(
             MOST_SWATHS, int(self.lines.width_m / (2.0 * config.sample_step_m))
         )

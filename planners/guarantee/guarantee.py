@@ -12,7 +12,7 @@ deviation: the covariances depend on none of them, and all numbers of swaths are
 all samples of a survey share.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -63,7 +63,9 @@ class SurveyOption(NamedTuple):
 
     `length_m`: distance to drive on the ground [m]. `rmse_m`, `low_m`, `high_m`: expected error, and the bounds that the
     error lies between with 80 % [m]. `probability`, `with_stakes`: probability that the limit is met, without stakes and
-    with two of them.
+    with two of them. `prior_level_share`: share of the level in the squared error of a map whose level the prior alone
+    holds. `by_level`: error [m] and probability where the prior alone holds the level of the map ("prior"), and
+    with one tie more (`survey.reconstruction.level.TIES`).
     """
 
     swaths: int
@@ -73,12 +75,20 @@ class SurveyOption(NamedTuple):
     high_m: float
     probability: float
     with_stakes: float
+    prior_level_share: float
+    by_level: Mapping[str, MapPrediction]
+
+    def facts(self) -> dict[str, object]:
+        """Return the fields, for programs."""
+        levels = {name: one._asdict() for name, one in self.by_level.items()}
+        return {**self._asdict(), "by_level": levels}
 
     def __str__(self) -> str:
         """Return one line."""
         return (
             f"{self.swaths} lines, {length_text(self.length_m)}: {self.rmse_m:.2g} m ({self.low_m:.2g} to {self.high_m:.2g} m "
-            f"with 80 %), within the limit with {self.probability:.0%}, with two stakes {self.with_stakes:.0%}"
+            f"with 80 %), within the limit with {self.probability:.0%}, with two stakes {self.with_stakes:.0%}, with the "
+            f"level of the prior alone {self.by_level['prior'].probability:.0%}"
         )
 
 
@@ -96,7 +106,8 @@ class Guarantee:
     the likeliest covariance of the prior. `likely_swaths`: number of swaths that are enough with that
     covariance, at most those of the route. `simulated`: error of the map in each simulated survey, by kind of
     ground. `reachable_m`: error that the densest survey considered stays within with the required probability
-    [m]; it does not depend on the limit. `options`: what other numbers of swaths of this pattern reach. `stakes`: stakes that save swaths, where errors that samples share
+    [m]; it does not depend on the limit. `options`: what other numbers of swaths of this pattern reach. `level_m`: standard
+    deviation of the level of a map that the prior alone holds [m]. `stakes`: stakes that save swaths, where errors that samples share
     cost some. `unstated_m`: error that the densest survey reaches where no class of surface is stated [m],
     for a guarantee that does not hold and a class that the relief of the prior contradicts.
     """
@@ -110,7 +121,8 @@ class Guarantee:
     likely_swaths: int
     simulated: SimulatedErrors = field(repr=False)
     reachable_m: float
-    options: tuple[SurveyOption, ...] = ()
+    options: tuple[SurveyOption, ...]
+    level_m: float
     stakes: StakePlan | None = None
     unstated_m: float | None = None
 
@@ -196,7 +208,7 @@ class SwathSearch:
             drivable(area),
             model_in_grid(area, prior, requirement),
             heading_deg,
-            swath_counts(width_m, prior.step_m, requirement),
+            swath_counts(width_m, prior.step_m, requirement, float(area.free.area)),
         )
 
     def fewest(self, shape: LinePattern) -> int | None:
@@ -273,6 +285,7 @@ class SwathSearch:
             errors,
             self._least_reachable_m,
             self._options(shape, n),
+            self.model.level_m or 0.0,
             stakes,
         )
 
@@ -282,8 +295,10 @@ class SwathSearch:
         return tuple(self._option(shape, count) for count in sorted({n, *(self.counts[k] for k in at)}))
 
     def _option(self, shape: LinePattern, n: int) -> SurveyOption:
-        found, limit_m = self._distribution(shape, n), self.requirement.limit_m
-        staked = replace(self.requirement, shared_m=min(STAKED_M, self.requirement.shared_m))
+        beside, limit_m = self._beside_level(shape, n), self.requirement.limit_m
+        found = beside.with_shared(self.requirement.shared_m)
+        staked = beside.with_shared(min(STAKED_M, self.requirement.shared_m))
+        levels = beside.by_level(self.model.level_m or 0.0)
         return SurveyOption(
             n,
             self._route(shape, n)[1].ground_length_m,
@@ -291,7 +306,9 @@ class SwathSearch:
             found.quantile_m(0.1),
             found.quantile_m(0.9),
             found.probability(limit_m),
-            replace(self, requirement=staked)._distribution(shape, n).probability(limit_m),
+            staked.probability(limit_m),
+            levels["prior"].shared_share,
+            {name: MapPrediction(one.probability(limit_m), one.rmse_m) for name, one in levels.items()},
         )
 
     def _unstated_m(self) -> float:
@@ -327,13 +344,16 @@ class SwathSearch:
 
     def _distribution(self, shape: LinePattern, n: int) -> ErrorDistribution:
         """Return the distribution of the error of so many swaths."""
+        return self._beside_level(shape, n).with_shared(self.requirement.shared_m)
+
+    def _beside_level(self, shape: LinePattern, n: int) -> ErrorDistribution:
+        """Return the distribution of the error of so many swaths, without what all samples share."""
         posterior = self.model.posterior
         key = shape.pattern, n, posterior.kernels
         if key not in self._known:
             xy = places(self._route(shape, n)[1], self.requirement.sample_step_m)
             self._known[key] = self.model.predictor.distribution(xy, posterior)
-        known = replace(self._known[key], spread=posterior.spread, open_spread=posterior.open_spread)
-        return known.with_shared(self.requirement.shared_m)
+        return replace(self._known[key], spread=posterior.spread, open_spread=posterior.open_spread)
 
     def _route(self, shape: LinePattern, n: int) -> tuple[LinePattern, Route]:
         config = shape.model_copy(update={"swaths": n})

@@ -146,6 +146,8 @@ def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
 
 
 _MOST_SWATHS = 30
+LONGEST_M = 2e6
+"""About the longest drive that is considered unless a number of swaths is stated: 200 days of 10 km [m]."""
 # Relief that is longer than five cells is all that a prior shows well.
 _WIDEST_CELLS = 5.0
 
@@ -181,20 +183,26 @@ def smallest_sufficient(is_enough: Callable[[int], bool], *, first: int, most: i
     return high
 
 
-def swath_counts(width_m: float, cell_m: float, requirement: MapRequirement) -> tuple[int, ...]:
+def swath_counts(
+    width_m: float, cell_m: float, requirement: MapRequirement, area_m2: float = 0.0
+) -> tuple[int, ...]:
     """Return the numbers of swaths that are considered, from the least coverage to the most.
 
     Swaths are at most five cells of the prior apart, for relief that is longer is all that the prior shows well, and
-    at least two samples, or 30 of them on a narrow area. Beyond fifteen, numbers grow by a tenth.
+    at least two samples, or 30 of them on a narrow area, and no more than some 2,000 km to drive where fewer are at most
+    five cells apart. Beyond fifteen, numbers grow by a tenth.
 
-    `width_m`: width of the area across the swaths [m]. `cell_m`: width of a cell of the prior [m].
+    `width_m`: width of the area across the swaths [m]. `cell_m`: width of a cell of the prior [m]. `area_m2`: of the area
+    [m²]; 0 for any distance.
 
     >>> swath_counts(600.0, 30.0, MapRequirement(0.4572, max_swaths=16))
     (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16)
     """
     dense = max(_MOST_SWATHS, int(width_m / (2.0 * requirement.sample_step_m)))
-    most = requirement.max_swaths or dense
-    counts = [min(max(int(np.ceil(width_m / (_WIDEST_CELLS * cell_m))), 2), most)]
+    least = max(int(np.ceil(width_m / (_WIDEST_CELLS * cell_m))), 2)
+    longest = max(least, int(LONGEST_M * width_m / max(area_m2, 1e-9)))
+    most = requirement.max_swaths or min(dense, longest)
+    counts = [min(least, most)]
     while counts[-1] < most:
         counts.append(min(max(counts[-1] + 1, round(1.1 * counts[-1])), most))
     return tuple(counts)

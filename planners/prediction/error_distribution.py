@@ -6,7 +6,7 @@ normal numbers. Its mean and variance follow from the posterior covariance C of 
 .. math::  E = \frac{1}{M} \mathrm{tr}\, C, \qquad V = \frac{2}{M^2} \mathrm{tr}\, C^2
 
 and it is about the gamma distribution with these moments (Satterthwaite 1946). An error that all samples share adds its
-variance to E. On ground that is rougher than the covariance by a factor f the mean is at most
+square, over whose normal distribution the probability is integrated. On ground that is rougher than the covariance by a factor f the mean is at most
 
 .. math::  E(f) = f^2 \, T + N, \qquad T + N = E
 
@@ -41,10 +41,12 @@ from planners.prediction.prior_cells import PriorCells
 from survey import SurveyArea
 from survey.core import FloatArray, IntArray
 from survey.reconstruction.gp.kernel_search import Cell
+from survey.reconstruction.level import TIES
 
 _FREEDOM = 4.0
 _N_FACTORS = 28
 _N_BISECTIONS = 40
+_N_MERGED = 400
 _LEAST_SPREAD = 1e-6
 
 
@@ -66,43 +68,63 @@ class ErrorDistribution:
 
     `parts`: one for each covariance; weights sum to 1. `spread`: scale of the logarithm of a factor of the
     roughness, which has Student's distribution. `open_spread`: standard deviation of the logarithm of another
-    factor of the roughness, which is normal.
+    factor of the roughness, which is normal. `shared_m`: standard deviation of an error that all samples share [m].
     """
 
     parts: Sequence[ErrorMoments]
     spread: float = 0.0
     open_spread: float = 0.0
+    shared_m: float = 0.0
 
     def with_shared(self, shared_m: float) -> "ErrorDistribution":
         """Return the distribution with an error that all samples share, of a standard deviation [m]."""
-        squared = shared_m**2
-        parts = [
-            part._replace(
-                mean=part.mean + squared,
-                variance=part.variance + 2.0 * squared**2,
-                noise=part.noise + squared,
-            )
-            for part in self.parts
-        ]
-        return replace(self, parts=parts)
+        return replace(self, shared_m=float(np.hypot(self.shared_m, shared_m)))
+
+    def with_part(self, covariance_m2: FloatArray) -> "ErrorDistribution":
+        """Return the distribution with errors of another source, of a covariance (M, M) at the nodes [m²].
+
+        Their mean over the nodes is an error that all samples share.
+        """
+        level_m2 = max(float(covariance_m2.mean()), 0.0)
+        rest_m2 = max(float(np.trace(covariance_m2)) / len(covariance_m2) - level_m2, 0.0)
+        parts = [one._replace(mean=one.mean + rest_m2, noise=one.noise + rest_m2) for one in self.parts]
+        return replace(self, parts=parts).with_shared(float(np.sqrt(level_m2)))
+
+    def by_level(self, level_m: float) -> "dict[str, ErrorDistribution]":
+        """Return the distributions of a map whose level the prior alone holds, to `level_m`, and one more tie each.
+
+        The distribution itself is that without an error of the level. Names are "prior" and those of `TIES`.
+        """
+        left_m = {name: tie.left_m(level_m, self.rmse_m) for name, tie in TIES.items()}
+        return {name: self.with_shared(one) for name, one in ({"prior": level_m} | left_m).items()}
 
     def probability(self, limit_m: float) -> float:
         """Return the probability that the error is at most a limit [m]."""
         terrain, noise, shape = self._moments
         factors, shares = self._factors
         means = np.square(factors) * terrain + noise
-        return float(shares @ gammainc(shape, shape * limit_m**2 / means))
+        left_m2 = np.maximum(limit_m**2 - np.square(self._levels_m[0]), 0.0)
+        return float(self._levels_m[1] @ gammainc(shape, shape * np.divide.outer(left_m2, means)) @ shares)
 
     @cached_property
     def rmse_m(self) -> float:
         """Expected error [m], at the median of the factors."""
         terrain, noise, shape = self._moments
+        # Mean and variance of the mean square with what samples share, as of a gamma distribution.
+        mean = terrain + noise + self.shared_m**2
+        shape = mean**2 / ((terrain + noise) ** 2 / shape + 2.0 * self.shared_m**4)
         root = float(np.exp(gammaln(shape + 0.5) - gammaln(shape)))
-        return root * float(np.sqrt((terrain + noise) / shape))
+        return root * float(np.sqrt(mean / shape))
+
+    @property
+    def shared_share(self) -> float:
+        """Share of what samples share in the expected squared error, at the median of the factors."""
+        terrain, noise, _ = self._moments
+        return self.shared_m**2 / (terrain + noise + self.shared_m**2)
 
     def quantile_m(self, probability: float) -> float:
         """Return the error that the map stays within with a probability [m]."""
-        low, high = 0.0, float(np.sqrt(max(part.mean for part in self.parts)))
+        low, high = 0.0, float(np.sqrt(max(part.mean for part in self.parts)) + self.shared_m)
         while self.probability(high) < probability:
             high *= 2.0
         for _ in range(_N_BISECTIONS):
@@ -130,14 +152,25 @@ class ErrorDistribution:
 
     @cached_property
     def _factors(self) -> tuple[FloatArray, FloatArray]:
-        """Factors of the roughness and their shares."""
+        """Factors of the roughness and their shares, those nearly alike as one."""
         logs, shares = self._between
         for spread, nodes in ((self.spread, _student), (self.open_spread, _normal)):
             if spread > 0.0:
                 values, weights = nodes()
                 logs = np.add.outer(logs, spread * values).ravel()
                 shares = np.multiply.outer(shares, weights).ravel()
-        return np.exp(logs), shares
+        edges = np.histogram_bin_edges(logs, _N_MERGED)
+        merged, sums = (np.histogram(logs, edges, weights=w)[0] for w in (shares, shares * logs))
+        kept = merged > 0.0
+        return np.exp(sums[kept] / merged[kept]), merged[kept]
+
+    @cached_property
+    def _levels_m(self) -> tuple[FloatArray, FloatArray]:
+        """Sizes of the error that samples share [m], and their shares."""
+        if self.shared_m == 0.0:
+            return np.zeros(1), np.ones(1)
+        share, weights = _nodes()
+        return self.shared_m * ndtri(0.5 + 0.5 * share), weights
 
     @cached_property
     def _between(self) -> tuple[FloatArray, FloatArray]:
@@ -283,10 +316,14 @@ class MapPrediction(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """Places that are predicted together (by number), and the samples (N, 2) and cells that predict them [m]."""
+    """Places that are predicted together (by number), and the samples (N, 2) and cells that predict them [m].
+
+    ``own_m2`` (N,): variances of the samples' errors beside those of the covariance [m²].
+    """
 
     places: IntArray
     xy: FloatArray
+    own_m2: FloatArray
     cells: PriorCells | None
 
 
@@ -335,10 +372,20 @@ class MapPredictor:
         pad_m = 0.0 if self.cells is None else 4.0 * self.cells.cell_m
         return float(np.hypot(xmax - xmin + pad_m, ymax - ymin + pad_m))
 
-    def distribution(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
-        """Predict the distribution of the map's error, from samples at places (N, 2) [m]."""
+    def distribution(
+        self, xy: FloatArray, posterior: KernelPosterior, own_m2: FloatArray | None = None
+    ) -> ErrorDistribution:
+        """Predict the distribution of the map's error, from samples at places (N, 2) [m].
+
+        `own_m2` (N,): variances of the samples' errors beside those of the covariances [m²].
+        """
         parts, n = [], len(self.nodes)
-        for one, left in zip(posterior.kernels, self._left_at_nodes(xy, posterior), strict=True):
+        found = (
+            self._left_at_nodes(xy, posterior)
+            if own_m2 is None
+            else self._left(xy, posterior, self.nodes, own_m2)
+        )
+        for one, left in zip(posterior.kernels, found, strict=True):
             mean, noise = float(left.variance.mean()), float(left.noise.mean())
             parts.append(ErrorMoments(mean, 2.0 * left.squared / n**2, one.weight, noise))
         return ErrorDistribution(parts, posterior.spread, posterior.open_spread)
@@ -368,14 +415,41 @@ class MapPredictor:
     def _last(self) -> list[tuple[FloatArray, KernelPosterior, list[_Left]]]:
         return []
 
-    def _left(self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray) -> list[_Left]:
+    def shared_part(
+        self, xy: FloatArray, one: WeightedKernel, own_m2: FloatArray, shared_m2: FloatArray
+    ) -> FloatArray:
+        """Return what errors that samples share add to the covariance of the map's errors at the nodes (M, M) [m²].
+
+        `xy` (N, 2): places of the samples [m]. `own_m2` (N,), `shared_m2` (N, N): variances of their own errors beside that of
+        the covariance, and covariance of the errors that they share [m²].
+        """
+        everywhere = np.arange(len(self.nodes))
+        cells = None if self.cells is None else self.cells.spread(_MOST_CELLS)
+        group = _Group(everywhere, xy, own_m2, cells)
+        seen, errors = self._seen(group, one, self.nodes), self._errors(one, group)
+        added = np.zeros_like(errors)
+        added[: len(xy), : len(xy)] = shared_m2 / one.variance_m2
+        part = np.zeros((len(everywhere), len(everywhere)))
+        for sign, total in ((1.0, errors + added), (-1.0, errors)):
+            solved = lapack.dpotrf((seen.among + total).T, lower=1, overwrite_a=1, clean=1)[0]
+            half = lapack.dtrtrs(solved, np.column_stack([np.ones(len(solved)), seen.across]), lower=1)[0]
+            ones, explained = half[:, 0], half[:, 1:]
+            gap = 1.0 - ones @ explained
+            part += sign * one.variance_m2 * (np.outer(gap, gap) / (ones @ ones) - explained.T @ explained)
+        return part
+
+    def _left(
+        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray, own_m2: FloatArray | None = None
+    ) -> list[_Left]:
         """Return what the map leaves at places (M, 2), for each covariance."""
         n_kernels = len(posterior.kernels)
+        own_m2 = np.zeros(len(xy)) if own_m2 is None else own_m2
         thin = self._averaged(xy)
-        xy, posterior = xy[::thin], posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
+        xy, own_m2 = xy[::thin], own_m2[::thin] / thin
+        posterior = posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
         variance, noise = np.empty((n_kernels, len(at))), np.empty((n_kernels, len(at)))
         squared = np.zeros(n_kernels)
-        for group in self._groups(xy, at):
+        for group in self._groups(xy, at, own_m2):
             seen: dict[object, _Seen] = {}
             for k, one in enumerate(posterior.kernels):
                 key = one.correlation_key
@@ -386,11 +460,11 @@ class MapPredictor:
                 squared[k] += left.squared
         return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
 
-    def _groups(self, xy: FloatArray, at: FloatArray) -> Iterator[_Group]:
+    def _groups(self, xy: FloatArray, at: FloatArray, own_m2: FloatArray) -> Iterator[_Group]:
         """Yield all places together, or groups of them with the samples and cells about each."""
         everywhere = np.arange(len(at))
         if len(xy) <= _MOST_AT_ONCE and (self.cells is None or len(self.cells) <= _MOST_CELLS):
-            yield _Group(everywhere, xy, self.cells)
+            yield _Group(everywhere, xy, own_m2, self.cells)
             return
         tree, waiting = cKDTree(xy), [everywhere]
         while waiting:
@@ -404,7 +478,8 @@ class MapPredictor:
                 along = int(np.argmax(np.ptp(at[index], axis=0)))
                 waiting += np.array_split(index[np.argsort(at[index, along], kind="stable")], 2)
                 continue
-            yield _Group(index, xy[np.atleast_1d(near)], cells)
+            near = np.atleast_1d(near)
+            yield _Group(index, xy[near], own_m2[near], cells)
 
     def _averaged(self, xy: FloatArray) -> int:
         """Return how many neighbouring samples one stands for, so that samples near a place lie on several lines."""
@@ -457,7 +532,7 @@ class MapPredictor:
 
     def _errors(self, one: WeightedKernel, group: _Group) -> FloatArray:
         """Return the covariance of the errors of a group's samples and cells, over the variance of the terrain."""
-        ratio = max(one.noise_m**2 / one.variance_m2, _LEAST_RATIO)
+        ratio = np.maximum((one.noise_m**2 + group.own_m2) / one.variance_m2, _LEAST_RATIO)
         n = len(group.xy)
         n_cells = 0 if group.cells is None else len(group.cells)
         errors = np.zeros((n + n_cells, n + n_cells))

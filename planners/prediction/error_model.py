@@ -238,10 +238,32 @@ class ErrorModel:
         planners.prediction.error_distribution.ErrorDistribution
             Its expected value, quantiles, and the probability of a limit.
         """
+        return self.beside_level(route, most_samples).with_shared(self.errors.shared_m)
+
+    def beside_level(self, route: Route, most_samples: int | None = None) -> ErrorDistribution:
+        """Return the distribution of the root mean square error of the map without the error that all samples share.
+
+        Parameters
+        ----------
+        route : Route
+            What is driven; samples are taken along swaths and transits.
+        most_samples : int, optional
+            Of more samples every k-th stands for its neighbours, but no two are farther apart than the swaths.
+
+        Returns
+        -------
+        planners.prediction.error_distribution.ErrorDistribution
+            As of a map whose level is known.
+        """
         xy, posterior = self._samples(route, most_samples)
         # Matrices of some hundred rows: spinning threads would only slow them down.
         with threadpool_limits(1):
-            return self.predictor.distribution(xy, posterior).with_shared(self.errors.shared_m)
+            return self.predictor.distribution(xy, posterior)
+
+    @property
+    def level_m(self) -> float | None:
+        """Standard deviation of the level of a map that the prior alone holds [m]; None without a prior."""
+        return None if self.predictor.cells is None else self.predictor.cells.level_m
 
     def rmse_m(self, route: Route, most_samples: int | None = None) -> float:
         """Return the expected root mean square error over the area.

@@ -387,6 +387,16 @@ class KernelPosterior:
             self, kernels=tuple(one._replace(noise_m=factor * one.noise_m) for one in self.kernels)
         )
 
+    def of_means(self, localization_m: float, n_in_one: float) -> "KernelPosterior":
+        """Return the covariances for samples without noise whose place errs [m], each the mean of so many."""
+        kernels = []
+        for one in self.kernels:
+            displaced_m = localized_noise_m(0.0, localization_m, one.kernel)
+            kernels.append(
+                one._replace(noise_m=float(np.hypot(displaced_m, np.sqrt(one.unseen_m2 / n_in_one))))
+            )
+        return replace(self, kernels=tuple(kernels))
+
     @property
     def likeliest(self) -> WeightedKernel:
         """The weightiest covariance."""

@@ -19,6 +19,7 @@ from survey.reconstruction.prior import PRODUCTS
 _GAUSS = 0.5 / np.sqrt(3.0)
 _SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 _CORRELATION_M = PRODUCTS["unknown"].correlation_m
+_MOST_FOR_LEVEL = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,10 @@ class PriorCells:
             return self
         return replace(self, centre=self.centre[self._tree.query(place, n)[1]])
 
+    def spread(self, n: int) -> "PriorCells":
+        """Return at most n cells, evenly taken."""
+        return replace(self, centre=self.centre[np.unique(np.linspace(0, len(self) - 1, n).astype(int))])
+
     def farthest_m(self, place: FloatArray) -> float:
         """Return the distance of the farthest cell from a place (2,) [m]."""
         return float(np.hypot(*(self.centre - place).T).max())
@@ -70,6 +75,14 @@ class PriorCells:
         shared = 1.0 + np.exp(-cdist(self.centre, self.centre) / _CORRELATION_M)
         covariance: FloatArray = self.sigma_m**2 * (shared + np.eye(len(self)))
         return covariance
+
+    @cached_property
+    def level_m(self) -> float:
+        """Standard deviation of the level of a map that the cells alone hold: that of their best mean error [m]."""
+        if self.sigma_m == 0.0:
+            return 0.0
+        some = self.spread(_MOST_FOR_LEVEL)
+        return float(1.0 / np.sqrt(np.linalg.solve(some.covariance, np.ones(len(some))).sum()))
 
     def __len__(self) -> int:
         return len(self.centre)

@@ -75,28 +75,6 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     return found.kernel
 
 
-def covariance_of_cells(
-    prior: Dem, bounds: tuple[float, float, float, float], sigma_m: float, nugget_m: float
-) -> GaussianProcessConfig:
-    """Fit the likeliest covariance about a plane to the cells of a prior.
-
-    `bounds` (4,): the cells within are used [m]. `sigma_m`, `nugget_m`: standard deviation of a cell, which
-    is no relief, and of relief that the cells do not show [m].
-    """
-    xy, height = prior.xy, prior.elevation.ravel()
-    near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)
-    if near.sum() < _LEAST_CELLS:
-        raise InputError(
-            f"{int(near.sum())} known cells of the prior lie on the area; {_LEAST_CELLS} are needed to fit a covariance."
-        )
-    columns = np.column_stack([np.ones(int(near.sum())), xy[near] - xy[near].mean(axis=0)])
-    rest = height[near] - columns @ np.linalg.lstsq(columns, height[near], rcond=None)[0]
-    noise_m2 = np.full(len(rest), sigma_m**2)
-    wanted = GaussianProcessConfig(nugget_m=0.0)
-    found = likeliest(xy[near], rest, noise_m2, wanted, candidates=SMOOTH_TO_ROUGH)
-    return GaussianProcessConfig(fit=False, kernel=found.kernel, nugget_m=nugget_m)
-
-
 def _about(area: SurveyArea, prior: Dem) -> BoolArray:
     """Return which cells (R · C,) are on the free ground or next to it: valley sides are rougher than a glacier."""
     about = area.free.buffer(prior.step_m)

@@ -63,7 +63,7 @@ class SparseFactor:
 POSE = 6
 """Unknowns that every keyframe has: error of easting, northing, elevation [m], yaw, pitch, roll [rad]."""
 
-# Keyframes whose covariances are found at once: bounds the memory of a long drive.
+# Keyframes or functions whose covariances are found at once: bounds the memory of a long drive.
 _AT_ONCE = 64
 
 
@@ -291,8 +291,8 @@ class PathError(DataObject):
         (N, N) ndarray
             In the product of the units of the functions.
         """
-        dense: FloatArray = rows.toarray()
-        covariance: FloatArray = rows @ self.solve(np.ascontiguousarray(dense.T))
+        blocks = [rows[first : first + _AT_ONCE] for first in range(0, max(rows.shape[0], 1), _AT_ONCE)]
+        covariance: FloatArray = np.hstack([rows @ self.solve(block.toarray().T.copy()) for block in blocks])
         return 0.5 * (covariance + covariance.T)
 
     @cached_property

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from scipy.special import chdtr, chdtrc, chdtri, ndtr, ndtri
 
 from survey.core import DataObject, FloatArray, IntArray
+from survey.reconstruction.level import TIES
 
 
 @dataclass(frozen=True)
@@ -417,9 +418,20 @@ class RmseClaim:
             RmsePosterior.of(stated), RmsePosterior.of(centred), float(np.sqrt(max(by_row.mean(), 0.0)))
         )
 
+    @property
+    def level_share(self) -> float:
+        """Share of the level in the expected squared error."""
+        return min((self.offset_sigma_m / max(self.absolute.expected_m, 1e-9)) ** 2, 1.0)
+
+    @property
+    def tied_m(self) -> dict[str, float]:
+        """Expected error once one known height of `TIES` holds the level, by the name of the tie [m]."""
+        beside_m, level_m = self.relative.expected_m, self.offset_sigma_m
+        return {name: float(np.hypot(beside_m, tie.left_m(level_m, beside_m))) for name, tie in TIES.items()}
+
     def facts(self) -> dict[str, Any]:
         """Return the claim for the record of a map."""
-        return asdict(self)
+        return asdict(self) | {"level_share": self.level_share, "tied_m": self.tied_m}
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, Any]) -> Self:

@@ -69,6 +69,12 @@ def test_a_long_run_says_beforehand_what_it_takes(results, capsys):
     assert "takes about 50 minutes of CPU" in capsys.readouterr().err
 
 
+def test_a_table_whose_time_is_not_known_is_made_without_a_word(results, capsys):
+    (results / "small.json").write_text(json.dumps({"provenance": {"cpu_s": None}}))
+    main("Small", measure, (), [])
+    assert "minutes of CPU" not in capsys.readouterr().err
+
+
 def test_parts_of_earlier_runs_are_counted_with_their_code_and_time(results):
     run = writer.Run.begin(measure, results / "small.json")
     (results / "a.json").write_text("1")

@@ -1,5 +1,7 @@
 """A small site for the desk: hills of 20 × 20 cells of 45 m, and its application behind a gate."""
 
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,9 +9,10 @@ import anyio
 import httpx
 import numpy as np
 import pytest
+import uvicorn
 
 from desk.plan.document import PlanDocument
-from desk.server.serve import Gate, desk_app
+from desk.server.serve import Gate, _listener, desk_app, server_config
 from desk.workspace import Workspace
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -105,3 +108,35 @@ def visitor(gate: Gate) -> Visitor:
 def page(gate: Gate) -> Page:
     """Client of the page."""
     return Page(gate)
+
+
+class DeskServer:
+    """Server of a workspace in a thread of its own."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        listener = _listener(0)
+        self.workspace = workspace
+        self.gate = Gate(desk_app(workspace), listener.getsockname()[1])
+        self._server = uvicorn.Server(server_config(self.gate))
+        self._thread = threading.Thread(target=lambda: self._server.run(sockets=[listener]), daemon=True)
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.01)
+
+    @property
+    def origin(self) -> str:
+        """Address of the page without the token."""
+        return self.gate.address.split("/?")[0]
+
+    def stop(self) -> None:
+        """End the server."""
+        self._server.should_exit = True
+        self._thread.join(10.0)
+
+
+@pytest.fixture
+def server(workspace: Workspace) -> Iterator[DeskServer]:
+    """Server of the small site."""
+    running = DeskServer(workspace)
+    yield running
+    running.stop()

@@ -58,16 +58,36 @@ function showHistory(plan, site) {
   });
 }
 
+/** @param {string} sentence What the user should know and can close. @param {Node[]} buttons */
+function notify(sentence, ...buttons) {
+  const close = element("button", { type: "button", class: "quiet", text: "Close", onclick: () => (byId("notice").hidden = true) });
+  byId("notice").replaceChildren(element("p", { text: sentence }), element("div", { class: "row" }, ...buttons, close));
+  byId("notice").hidden = !sentence;
+}
+
+/** @param {Plan} plan @param {Site} site Offer the drawn plan where its mission has changed. */
+function offerDrawn(plan, site) {
+  const show = element("button", { type: "button", id: "show-drawn", text: "Show the drawn plan", onclick: () => plan.undo().then(() => (byId("notice").hidden = true)) });
+  if (site.notice) notify(site.notice, show);
+}
+
+/** @param {any} map @param {number[]} extent */
+function zoomTo(map, extent) {
+  const isWide = byId("stage").clientWidth > 760;
+  map.getView().fit(extent, { padding: isWide ? [56, 290, 60, 80] : [64, 24, 48, 24] });
+}
+
 /** @param {any} map @param {Plan} plan @param {Site} site */
 function fitter(map, plan, site) {
   return () => {
     const places = plan.document.areas.flat(2);
     const xs = places.map(([x]) => x), ys = places.map(([, y]) => y);
-    const extent = places.length ? [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)] : site.tiles.extent;
-    const isWide = byId("stage").clientWidth > 760;
-    map.getView().fit(extent, { padding: isWide ? [56, 290, 60, 80] : [24, 24, 48, 56] });
+    zoomTo(map, places.length ? [least(xs), least(ys), -least(xs.map((x) => -x)), -least(ys.map((y) => -y))] : site.tiles.extent);
   };
 }
+
+/** @param {number[]} values Any number of them; arguments of a function are limited. */
+const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);
 
 /** @param {any} map @returns {() => import("./types.js").Place[]} */
 function squareInView(map) {
@@ -133,10 +153,10 @@ async function begin() {
     { name: "relief", title: "Terrain", layer: terrain.relief, isPicture: true, isBase: true, legend: () => ({ title: "Elevation", colours: site.height_colours, low: metres(terrain.style.low_m), high: metres(terrain.style.high_m) }) },
   ], swipe);
   terrain.events.addEventListener("change", () => layers.legends());
-  const corners = new Corners(plan, tools, squareInView(map));
+  const corners = new Corners(plan, tools, squareInView(map), notify);
   const settings = element("div"), requirement = element("div"), runs = element("div");
-  const compare = new Compare(plan);
-  const files = new Files(refuse);
+  const compare = new Compare(plan, map, layers);
+  const files = new Files(plan, refuse);
   const measured = new Measured(plan, map, layers, refuse);
   const watch = new Watch(map, layers, site.name);
   const drive = new Drive(() => byId("show-drive").click());
@@ -157,13 +177,15 @@ async function begin() {
     files.command.textContent = /** @type {CustomEvent} */ (event).detail.command;
     drive.refresh();
   });
-  const openFile = acceptFiles(map, plan, layers, (file) => measured.take("points", file), refuse);
+  const openFile = acceptFiles(map, plan, layers, (file) => measured.take("points", file), refuse, (extent) => zoomTo(map, extent));
   addMapButtons(openFile, drive);
   await plan.load();
+  offerDrawn(plan, site);
   fit();
   document.documentElement.dataset.ready = "yes";
   const fields = await get("/api/fields");
   settings.append(new Settings(plan, fields).page);
+  files.offer(fields);
   requirement.append(new Requirement(plan, fields).page);
   const run = new Runs(plan, fields, map, layers, route, refuse);
   runs.append(run.page);

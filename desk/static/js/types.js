@@ -15,6 +15,7 @@
  * @property {Record<string, any>} fleet
  * @property {Record<string, any>} requirement
  * @property {Record<string, any>} simulation
+ * @property {string} notes
  * @property {Record<string, string>} measured
  */
 /** @typedef {{name: string, help: string, default: any, kind: string, choices: string[]}} Field */
@@ -23,6 +24,7 @@
  * @property {string} name
  * @property {string} terrain
  * @property {string} folder
+ * @property {string} notice What has changed since the plan was drawn; empty where nothing has.
  * @property {{name: string, code: string}} crs
  * @property {number} grid_per_ground
  * @property {{extent: number[], tile_cells: number, resolutions_m: number[]}} tiles
@@ -42,6 +44,7 @@
  * @property {string} no_error_because
  * @property {Leg[]} legs
  * @property {string} swaths
+ * @property {number|null} spacing_m
  * @property {number} area_m2
  * @property {{name: string, title: string, text: string, value: number}[]} facts
  * @property {{rings: Rings, reason: string, text: string}[]} left_out

@@ -343,24 +343,80 @@ def design_checkpoints(
     quarter = _quarter(candidates, area)
     xmin, ymin, xmax, ymax = area.bounds
     apart_m = LEAST_SPACING * float(np.hypot(xmax - xmin, ymax - ymin))
-    least = int(np.ceil(LEAST_SHARE * n - 1e-9)) if n >= 4 else 0
-    best = 0
-    for _ in range(_N_TRIES):
-        chosen = _drawn(candidates, quarter, n, least=least, apart_m=apart_m, rng=rng)
-        if len(chosen) == n:
-            order = np.argsort(quarter[chosen], kind="stable")
-            places: FloatArray = frozen(candidates[chosen[order]])
-            return places
-        best = max(best, len(chosen))
-    counts = np.bincount(quarter, minlength=4)
+    chosen = _most_drawn(candidates, quarter, n, least=_least(n), apart_m=apart_m, rng=rng)
+    if len(chosen) == n:
+        return _in_order(candidates, quarter, chosen)
+    *counts, last = np.bincount(quarter, minlength=4)
     raise InputError(
-        f"{n} checkpoints do not fit: {best} were placed at {apart_m:.0f} m from one another, with {counts.tolist()} candidates in the "
-        "four quarters on gentle ground within reach; ask for fewer, allow steeper ground or a longer reach."
+        f"{n} checkpoints do not fit: {len(chosen)} were placed at {apart_m:.0f} m from one another, with {', '.join(map(str, counts))} "
+        f"and {last} candidates in the four quarters on gentle ground within reach; ask for fewer, allow steeper ground or a longer reach."
     )
 
 
+def fitting_checkpoints(
+    area: SurveyArea, n: int, rng: np.random.Generator, **ground: Any
+) -> tuple[FloatArray, str]:
+    """Choose up to n places for checkpoints, less well spread where the area leaves no other choice.
+
+    `ground`: as for `design_checkpoints`. Returns: places (N, 2) [m], and in a sentence what could not be kept; empty
+    where all was.
+    """
+    try:
+        return design_checkpoints(area, n, rng, **ground), ""
+    except InputError as error:
+        candidates = _candidates(area, **ground)
+        if not len(candidates):
+            raise InputError(
+                "no ground of the area is gentle and within reach; allow steeper ground or a longer reach."
+            ) from error
+    quarter, chosen = _quarter(candidates, area), np.empty(0)
+    xmin, ymin, xmax, ymax = area.bounds
+    for share in (1.0, 0.5, 0.25):
+        apart_m = share * LEAST_SPACING * float(np.hypot(xmax - xmin, ymax - ymin))
+        chosen = _most_drawn(candidates, quarter, n, least=0, apart_m=apart_m, rng=rng)
+        if len(chosen) == n:
+            break
+    least = int(np.bincount(quarter[chosen], minlength=4).min())
+    lost = [
+        "" if len(chosen) == n else f"{len(chosen)} of {n} fit on gentle ground within reach",
+        ""
+        if share == 1.0
+        else f"neighbours are {apart_m:.0f} m apart, {100 * share * LEAST_SPACING:.2g} % of the diagonal",
+        ""
+        if least >= _least(len(chosen))
+        else f"a quarter of the area holds {least}, fewer than {LEAST_SHARE:.0%}",
+    ]
+    return _in_order(candidates, quarter, chosen), "; ".join(part for part in lost if part) + "."
+
+
+def _least(n: int) -> int:
+    """Return how many of n checkpoints each quarter holds at least."""
+    return int(np.ceil(LEAST_SHARE * n - 1e-9)) if n >= 4 else 0
+
+
+def _most_drawn(places: FloatArray, quarter: Any, n: int, **bounds: Any) -> Any:
+    """Draw places several times; return the indices of the first n, or of the most that were found."""
+    most: Any = np.empty(0, dtype=np.int64)
+    for _ in range(_N_TRIES):
+        chosen = _drawn(places, quarter, n, **bounds)
+        most = max(most, chosen, key=len)
+        if len(most) == n:
+            break
+    return most
+
+
+def _in_order(places: FloatArray, quarter: Any, chosen: Any) -> FloatArray:
+    """Return chosen places from south-west to north-east by quarters."""
+    ordered: FloatArray = frozen(places[chosen[np.argsort(quarter[chosen], kind="stable")]])
+    return ordered
+
+
 def _candidates(
-    area: SurveyArea, terrain: Dem | None, max_slope_deg: float, route: Route | None, reach_m: float
+    area: SurveyArea,
+    terrain: Dem | None = None,
+    max_slope_deg: float = 10.0,
+    route: Route | None = None,
+    reach_m: float = 50.0,
 ) -> FloatArray:
     """Return the places of a fine grid over the area that can be stood on and reached."""
     xmin, ymin, xmax, ymax = area.bounds

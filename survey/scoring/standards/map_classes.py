@@ -13,6 +13,7 @@ from survey.core.errors import ConfigError, InputError
 from survey.core.lengths import FOOT_M
 from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.checks import CONFIDENCE, RmseClaim, RmsePosterior
+from survey.reconstruction.level import TIES
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.standards.standards import (
     CONTOURS,
@@ -198,13 +199,15 @@ class Certificate:
     is_tested: bool
 
     @property
-    def sentences(self) -> tuple[str, str]:
-        """Absolute and relative error with their class, in one sentence each."""
+    def sentences(self) -> tuple[str, ...]:
+        """Absolute and relative error with their class, and what known heights change of the level, in one sentence each."""
         untested = "" if self.is_tested else "; the standard deviation was not tested by points left out"
-        offset = f"its level errs by {self.claim.offset_sigma_m:.3f} m (1 σ)"
+        tied = ", ".join(f"{self.claim.tied_m[name]:.3f} m with {tie.name}" for name, tie in TIES.items())
         return (
-            f"absolute error by the map's own claim: {_error(self.claim.absolute, self.absolute)}; {offset}{untested}.",
+            f"absolute error by the map's own claim: {_error(self.claim.absolute, self.absolute)}{untested}.",
             f"relative error, after removing the best vertical offset: {_error(self.claim.relative, self.relative)}.",
+            f"its level errs by {self.claim.offset_sigma_m:.3f} m (1 σ), {self.claim.level_share:.0%} of the squared error; "
+            f"the RMSE would be {tied}.",
         )
 
 

@@ -1,51 +1,13 @@
 """A real server and a real browser: Debian's Chromium, driven by playwright."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-import uvicorn
 
-from desk.server.serve import Gate, _listener, desk_app
-from desk.workspace import Workspace
+from tests.desk.conftest import DeskServer
 
 WAIT_MS = 120_000  # loaded machines are slow
-
-
-class DeskServer:
-    """Server of a workspace in a thread of its own."""
-
-    def __init__(self, workspace: Workspace) -> None:
-        listener = _listener(0)
-        self.workspace = workspace
-        self.gate = Gate(desk_app(workspace), listener.getsockname()[1])
-        config = uvicorn.Config(
-            self.gate, log_level="warning", access_log=False, lifespan="off", timeout_graceful_shutdown=1
-        )
-        self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=lambda: self._server.run(sockets=[listener]), daemon=True)
-        self._thread.start()
-        while not self._server.started:
-            time.sleep(0.01)
-
-    @property
-    def origin(self) -> str:
-        """Address of the page without the token."""
-        return self.gate.address.split("/?")[0]
-
-    def stop(self) -> None:
-        """End the server."""
-        self._server.should_exit = True
-        self._thread.join(10.0)
-
-
-@pytest.fixture
-def server(workspace: Workspace) -> Iterator[DeskServer]:
-    """Server of the small site."""
-    running = DeskServer(workspace)
-    yield running
-    running.stop()
 
 
 class DeskPage:

@@ -9,7 +9,8 @@ import pytest
 from PIL import Image, ImageDraw
 
 from desk.workspace import open_workspace, write_demo
-from tests.desk.browser.conftest import DeskPage, DeskServer
+from tests.desk.browser.conftest import DeskPage
+from tests.desk.conftest import DeskServer
 
 pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]
 

@@ -126,11 +126,18 @@ def endless(job: Job) -> dict[str, object]:
         time.sleep(0.005)
 
 
+def last_event(job: Job) -> dict[str, object]:
+    """Return the last event of a job once it is over."""
+    while not job.is_over:
+        time.sleep(0.005)
+    return job.events()[-1]
+
+
 def test_a_job_is_given_up_at_its_next_report():
     jobs = Jobs()
     job = jobs.start(endless)
     job.cancel()
-    assert [event["kind"] for event in job.events() if event][-1] == "cancelled"
+    assert last_event(job)["kind"] == "cancelled"
 
 
 def test_a_few_jobs_run_at_once():
@@ -150,8 +157,8 @@ def test_a_fault_of_a_job_is_one_sentence(caplog):
         raise InputError("it is wrong; correct it.")
 
     jobs = Jobs()
-    assert "internal fault, ZeroDivisionError" in list(jobs.start(faulty).events())[-1]["error"]
-    assert list(jobs.start(refused).events())[-1]["error"] == "it is wrong; correct it."
+    assert "internal fault, ZeroDivisionError" in last_event(jobs.start(faulty))["error"]
+    assert last_event(jobs.start(refused))["error"] == "it is wrong; correct it."
 
 
 def test_the_log_of_a_watch_is_followed_with_the_map_of_each_update(page, workspace):

@@ -105,3 +105,30 @@ def test_checkpoints_are_proposed_inside_the_area(page):
     assert (places > [WEST + 200.0, SOUTH + 200.0]).all()
     assert (places < [WEST + 700.0, SOUTH + 700.0]).all()
     assert page.post("/api/checkpoints", {"n": 0}).status_code == 422
+
+
+def test_what_fits_is_proposed_on_a_tongue_and_what_is_lost_said(page):
+    tongue = [
+        [WEST + 50.0, SOUTH + 60.0],
+        [WEST + 850.0, SOUTH + 820.0],
+        [WEST + 840.0, SOUTH + 840.0],
+        [WEST + 40.0, SOUTH + 80.0],
+    ]
+    edit(page, areas=[[tongue]])
+    found = page.post("/api/checkpoints", {"n": 30, "max_slope_deg": 60.0}).json()
+    assert len(found["places"]) == 30
+    assert "of the diagonal" in found["note"]
+    assert "[" not in found["note"]
+    found = page.post("/api/checkpoints", {"n": 200, "max_slope_deg": 60.0}).json()
+    assert f"{len(found['places'])} of 200 fit" in found["note"]
+    answer = page.post("/api/checkpoints", {"n": 30, "max_slope_deg": 0.001})
+    assert "allow steeper ground" in answer.json()["error"]
+
+
+def test_checkpoints_lie_within_reach_of_the_route(page, workspace):
+    from shapely import MultiLineString, Point
+
+    places = page.post("/api/checkpoints", {"n": 8, "max_slope_deg": 40.0, "reach_m": 15.0}).json()["places"]
+    legs = workspace.planner.quick(workspace.store.document).plan.route.legs
+    lines = MultiLineString([leg.xy for leg in legs])
+    assert max(lines.distance(Point(place)) for place in places) <= 15.1

@@ -1,11 +1,14 @@
 """Files that are dropped onto the page."""
 
+import numpy as np
 import pytest
+import shapely
 
 from desk.plan.document import PlanDocument
 from desk.plan.dropped import dropped
 from survey.core.errors import FirnlineError
 from survey.data.area import SurveyArea
+from survey.io.vector import write_features
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
 
@@ -40,6 +43,11 @@ def test_points_are_thinned_and_counted():
     found = dropped("points.csv", f"x_m,y_m,z_m,sigma_z_m\n{rows}\n".encode(), area().crs)
     assert found["n_points"] == 6000
     assert len(found["places"]) == 3000
+
+
+def test_points_without_an_uncertainty_are_taken():
+    rows = "\n".join(f"{WEST + k},{SOUTH + k},800.0" for k in range(5))
+    assert dropped("points.csv", f"x_m,y_m,z_m\n{rows}\n".encode(), area().crs)["n_points"] == 5
 
 
 def test_landmarks_in_a_geopackage_are_points(tmp_path):
@@ -81,11 +89,6 @@ def test_an_outline_beside_a_raster_in_another_crs_is_refused(dem_file):
 
 
 def test_a_file_of_many_outlines_is_answered_with_a_choice(tmp_path):
-    import numpy as np
-    import shapely
-
-    from survey.io.vector import write_features
-
     shapes = [shapely.box(WEST + 100.0 * k, SOUTH, WEST + 100.0 * k + 50.0, SOUTH + 90.0) for k in range(3)]
     columns = {"RGIId": [f"RGI60-01.0000{k}" for k in range(3)], "Name": ["Gulkana", None, "Wolverine"]}
     attributes = {name: np.array(values, dtype=object) for name, values in columns.items()}
@@ -100,8 +103,16 @@ def test_a_file_of_many_outlines_is_answered_with_a_choice(tmp_path):
     chosen = dropped("rgi.gpkg", content, area().crs, [found["choices"][3]["select"]])
     assert chosen["document"]["areas"][0][0][0] == pytest.approx([WEST + 250.0, SOUTH], abs=1e-3)
     assert len(dropped("rgi.gpkg", content, area().crs, ["*"])["document"]["areas"]) == 3
-    many = [shapely.box(WEST + 20.0 * k, SOUTH, WEST + 20.0 * k + 9.0, SOUTH + 9.0) for k in range(13)]
-    write_features(tmp_path / "fields.gpkg", many, {"id": np.arange(13)}, area().crs, layer="fields")
-    fields = (tmp_path / "fields.gpkg").read_bytes()
-    assert len(dropped("fields.gpkg", fields, area().crs)["choices"]) == 14
-    assert len(dropped("fields.gpkg", fields, area().crs, ["*"])["document"]["areas"]) == 13
+    two = dropped("rgi.gpkg", content, area().crs, [choice["select"] for choice in found["choices"][1:3]])
+    assert len(two["document"]["areas"]) == 2
+
+
+@pytest.mark.parametrize("n", [1, 2, 13])
+def test_of_several_outlines_one_is_asked_for(tmp_path, n):
+    shapes = [shapely.box(WEST + 20.0 * k, SOUTH, WEST + 20.0 * k + 9.0, SOUTH + 9.0) for k in range(n)]
+    write_features(tmp_path / "fields.gpkg", shapes, {"id": np.arange(n)}, area().crs, layer="fields")
+    content = (tmp_path / "fields.gpkg").read_bytes()
+    found = dropped("fields.gpkg", content, area().crs)
+    assert found["kind"] == ("outline" if n == 1 else "choices")
+    assert len(found.get("choices", [])) == (0 if n == 1 else n + 1)
+    assert len(dropped("fields.gpkg", content, area().crs, ["*"])["document"]["areas"]) == n

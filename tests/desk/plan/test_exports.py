@@ -3,6 +3,7 @@
 import io
 import shlex
 import zipfile
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -55,7 +56,8 @@ def test_sheets_and_error_have_the_bytes_of_the_command(place):
     document = PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 3})
     packed = export_of(document).file(".pdf")
     Path("made").mkdir()
-    run(command_of(document, "site.gpkg", "hills.tif", "made/site.pdf"))
+    Path("site.gpkg").rename("site_area.gpkg")
+    run(command_of(document, "site_area.gpkg", "hills.tif", "made/site.pdf"))
     with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
         assert set(archive.namelist()) == {"site.pdf", "site.geojson", "site_sigma.tif"}
         for name in ("site.pdf", "site.geojson", "site_sigma.tif"):
@@ -113,8 +115,29 @@ def test_every_kind_is_written(place):
         assert file.name.startswith("site"), kind
 
 
-@pytest.mark.parametrize("kind", ["", "exe", "../../etc/passwd", ".toml"])
-def test_an_unknown_kind_is_refused(place, kind):
-    export = export_of(PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 2}))
-    with pytest.raises(InputError, match="not known"):
-        export.file(kind)
+def test_a_mission_takes_autopilot_and_speed(page):
+    made = page.get("/api/export/.plan?autopilot=ardupilot&speed_m_s=0.7&returns=false").json()["mission"]
+    assert made["firmwareType"] == 3
+    assert made["cruiseSpeed"] == 0.7
+    for query in ("autopilot=none", "speed_m_s=0", "speed_m_s=nan", "speed_m_s=fast", "other=1"):
+        answer = page.get(f"/api/export/.plan?{query}")
+        assert answer.status_code == 422, query
+        assert answer.json()["error"].endswith(".")
+
+
+def test_no_two_kinds_have_one_name(place):
+    export = export_of(
+        PlanDocument(areas=((SQUARE,),), checkpoints=STARTS, planner={"pattern": "lawnmower", "swaths": 2})
+    )
+    names = Counter(export.file(kind).name for kind in KINDS)
+    assert names.most_common(1)[0][1] == 1
+    assert {"site.gpkg", "site_area.gpkg", "site.kml", "site_area.kml"} <= set(names)
+
+
+@pytest.mark.parametrize("kind", ["exe", "..%2F..%2Fetc%2Fpasswd", ".toml"])
+def test_an_unknown_kind_is_refused_before_anything_is_computed(page, workspace, monkeypatch, kind):
+    monkeypatch.setattr(type(workspace.planner), "exact", lambda *_: pytest.fail("a plan was computed"))
+    answer = page.get(f"/api/export/{kind}")
+    assert answer.status_code in (404, 422)
+    if answer.status_code == 422:
+        assert "is not known" in answer.json()["error"]

@@ -1,9 +1,8 @@
 """Edits, undo and redo over the server."""
 
-import json
-
 import pytest
 
+from desk.plan.history_file import read_history
 from desk.workspace import open_workspace
 from survey.data.outlines import MOST_CORNERS
 from tests.desk.conftest import SOUTH, SQUARE, WEST
@@ -19,8 +18,8 @@ def edit(page, **changes):
 
 def test_an_edit_is_stored_and_found_again(page, workspace, dem_file):
     assert edit(page, starts=[[WEST + 250.0, SOUTH + 250.0]]).status_code == 200
-    stored = json.loads(workspace.store.path.read_text())
-    assert stored["steps"][-1]["document"]["starts"] == [[WEST + 250.0, SOUTH + 250.0]]
+    stored = read_history(workspace.store.path)
+    assert stored.document.starts == ((WEST + 250.0, SOUTH + 250.0),)
     place = workspace.store.path.with_name("hills.tif")
     place.write_bytes(dem_file.read_bytes())
     with open_workspace(None, workspace.folder) as again:
@@ -92,7 +91,7 @@ def test_a_file_that_cannot_be_written_leaves_the_document(page, workspace, monk
 
         raise InputError("the disk is full; free space.")
 
-    monkeypatch.setattr("desk.plan.history.write_json", full)
+    monkeypatch.setattr("desk.plan.history_file.write_bytes", full)
     before = workspace.store.document
     answer = edit(page, areas=[])
     assert answer.status_code == 422

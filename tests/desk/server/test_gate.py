@@ -1,5 +1,6 @@
 """The gate lets only the page of this server ask."""
 
+import anyio
 import pytest
 
 from desk.server.serve import LARGEST_BODY_BYTES
@@ -107,3 +108,27 @@ def test_every_answer_is_protected(page, visitor):
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert answer.headers["cross-origin-resource-policy"] == "same-origin"
         assert "access-control-allow-origin" not in answer.headers
+
+
+def test_an_answer_with_a_policy_of_its_own_has_no_second_one(gate, page):
+    async def app(scope, receive, send):
+        headers = [(b"content-security-policy", b"style-src 'unsafe-inline'")]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": b""})
+
+    gate._app = app
+    answer = page.get("/")
+    assert answer.headers.get_list("content-security-policy") == ["style-src 'unsafe-inline'"]
+    assert answer.headers["x-frame-options"] == "DENY"
+
+
+def test_a_body_that_never_ends_is_given_up(page, monkeypatch):
+    monkeypatch.setattr("desk.server.serve.REQUEST_S", 0.2)
+
+    async def stuck():
+        yield b"{"
+        await anyio.sleep(60.0)
+
+    answer = page.ask("POST", "/api/edit", headers=ORIGIN, content=stuck())
+    assert answer.status_code == 408
+    assert "did not arrive" in answer.json()["error"]

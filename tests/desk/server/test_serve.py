@@ -6,8 +6,10 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
@@ -87,3 +89,61 @@ def test_a_port_that_is_taken_is_refused(dem_file, tmp_path, monkeypatch):
         result = CliRunner().invoke(app, ["desk", "hills.tif", "--port", port, "--no-browser"])
     assert result.exit_code == 3
     assert f"port {port}" in result.output
+
+
+def test_a_second_desk_of_the_plan_joins_the_first_one(running, tmp_path):
+    _, first = running
+    command = [sys.executable, "-m", "firnline", "desk", "hills.tif", "--no-browser"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    for _ in range(2):
+        second = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=True
+        )
+        assert "is open already" in second.stdout
+        address = re.search(r"http\S+", second.stdout)[0]
+        assert address.split("/?")[0] == first.split("/?")[0]
+        assert httpx.get(address).status_code == 200
+        assert httpx.get(address).status_code == 401
+
+
+def test_half_of_a_request_is_not_waited_for(server, monkeypatch):
+    monkeypatch.setattr("desk.server.serve.REQUEST_S", 0.3)
+    port = int(server.origin.rpartition(":")[2])
+    for begun in (b"", b"GET / HT", b"GET / HTTP/1.1\r\nhost: 127.0.0.1"):
+        with socket.create_connection(("127.0.0.1", port), timeout=10.0) as connection:
+            connection.sendall(begun)
+            assert connection.recv(1000) == b""
+
+
+def test_streams_hold_no_threads(server):
+    def endless(job):
+        while True:
+            job.progress("waiting", 0, 1)
+            time.sleep(0.05)
+
+    job = server.workspace.jobs.start(endless)
+    with httpx.Client(timeout=20.0) as client, ExitStack() as streams:
+        client.get(server.gate.address).raise_for_status()
+        address = f"{server.origin}/api/jobs/{job.name}/events"
+        opened = [streams.enter_context(client.stream("GET", address)) for _ in range(41)]
+        texts = [next(stream.iter_text()) for stream in opened if stream.status_code == 200]
+        assert len(texts) == 32
+        assert all("waiting" in text for text in texts)
+        assert {stream.status_code for stream in opened} == {200, 429}
+        assert client.get(f"{server.origin}/tiles/relief/0/0/0.png").status_code == 200
+        streams.close()
+        assert client.get(f"{server.origin}/api/plan").status_code == 200
+    server.workspace.jobs.cancel_all()
+
+
+def test_a_client_that_leaves_in_the_middle_of_a_body_is_no_fault(server, caplog):
+    with httpx.Client() as client:
+        client.get(server.gate.address).raise_for_status()
+        cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+    host = server.origin.removeprefix("http://")
+    head = f"host: {host}\r\norigin: {server.origin}\r\ncookie: {cookie}\r\ncontent-length: 99\r\n"
+    with socket.create_connection(("127.0.0.1", int(host.partition(":")[2])), timeout=10.0) as connection:
+        connection.sendall(f"POST /api/edit HTTP/1.1\r\n{head}\r\n{{".encode())
+        time.sleep(0.3)
+    time.sleep(0.5)
+    assert caplog.text == ""

@@ -40,3 +40,27 @@ def test_variants_outlast_the_oldest_steps(workspace):
         store.edit(store.revision, "Edit", store.document)
     assert [variant.name for variant in store.history.set_aside] == ["first"]
     assert len(store.history.steps) == 200
+
+
+def test_a_variant_stands_beside_the_plan(page, workspace):
+    page.post("/api/variants", {"name": "four"})
+    document = page.get("/api/plan").json()["document"]
+    planner = {"pattern": "lawnmower", "swaths": 8}
+    page.post("/api/edit", {"revision": 1, "title": "Set", "document": {**document, "planner": planner}})
+    found = page.get("/api/variants/0/beside").json()
+    rows = {row[0]: row[1:] for row in found["rows"]}
+    assert rows["swaths"] == ["8", "4", ""]
+    assert rows["length"][2].startswith("−")
+    assert rows["predicted RMSE"][2].startswith("+")
+    assert found["error"]["limits"] == found["error_of_other"]["limits"]
+    assert found["error"]["image"] != found["error_of_other"]["image"]
+    assert found["lines"]
+    assert page.get("/api/variants/7/beside").status_code == 422
+
+
+def test_notes_are_stored_with_the_plan_and_compute_nothing_anew(page, workspace):
+    before = workspace.planner.exact(workspace.store.document).plan
+    document = {**page.get("/api/plan").json()["document"], "notes": "crevasse in the north\n<b>2 m</b>"}
+    page.post("/api/edit", {"revision": 0, "title": "Write a note", "document": document})
+    assert page.get("/api/plan").json()["document"]["notes"] == document["notes"]
+    assert workspace.planner.exact(workspace.store.document).plan is before

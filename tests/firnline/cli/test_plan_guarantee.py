@@ -47,6 +47,10 @@ def test_a_class_is_guaranteed_with_its_assumptions(guaranteed):
     assert min(facts["probability"], facts["simulated_share"]) >= 0.9
     assert "fitted to the prior" in facts["assumed"]
     assert facts["likely_rmse_m"] <= facts["rmse_m"]
+    least = facts["options"][0]
+    assert set(least["by_level"]) == {"prior", "checkpoint", "stake", "benchmark"}
+    assert facts["prior_level_m"] > 0.5
+    assert least["by_level"]["prior"]["probability"] < least["by_level"]["stake"]["probability"]
     assert Route.read(out).ground_length_m == pytest.approx(facts["length_m"])
     assert out.with_suffix(".png").stat().st_size > 10_000
 
@@ -58,6 +62,8 @@ def test_what_cannot_be_guaranteed_is_refused_in_one_sentence_and_nothing_is_wri
     (sentence,) = result.stderr.strip().splitlines()
     assert "cannot be guaranteed" in sentence
     assert "they reach" in sentence
+    assert "with the level of the prior alone" in sentence
+    assert "with one stake or RTK" in sentence
     assert not out.exists()
     assert "no map class" in firnline(folder, "--require", "class-9", code=4).stderr
 

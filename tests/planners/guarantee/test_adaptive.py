@@ -11,7 +11,9 @@ from planners.guarantee.adaptive import (
     next_swath,
     survey_adaptively,
 )
+from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.survey_lines import SurveyLines
+from planners.prediction.error_model import ErrorModel
 from planners.prediction.kernel_posterior import (
     KernelPosterior,
     PriorBlocks,
@@ -20,7 +22,7 @@ from planners.prediction.kernel_posterior import (
 )
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain
-from survey import Dem, Grid, InputError, SurveyArea
+from survey import Dem, Grid, InputError, Route, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, map_surveys
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
@@ -131,6 +133,22 @@ def test_swaths_are_not_planned_denser_for_what_later_ones_will_show():
     # Whether the survey may stop depends on it.
     sure, doubtful = (state.predicted_with(planned[0]) for state in states)
     assert doubtful.probability < sure.probability
+
+
+def test_an_adaptive_survey_is_predicted_as_every_other_plan():
+    prior = coarse(smooth_terrain())
+    wanted = MapRequirement(0.6, prior_sigma_m=0.5)
+    model, config = ErrorModel.from_prior(AREA, prior, wanted), AdaptiveConfig.of_prior(wanted, AREA, prior)
+    state = AdaptiveState(AREA, model.posterior, config)
+    lines = state.further(0.9)
+    for line in lines:
+        state.drive(line, lambda xy: np.full(len(xy), np.nan))
+    route = Route(tuple(state.legs), AREA.crs, "adaptive")
+    expected = model.distribution(route)
+    assert state.predicted_with([]).rmse_m == pytest.approx(expected.rmse_m, rel=0.02)
+    assert state.predicted_with([]).probability == pytest.approx(expected.probability(0.6), abs=0.02)
+    alone = AdaptiveState(AREA, model.posterior, replace(config, cells=None)).further(0.9)
+    assert len(lines) <= len(alone)
 
 
 def test_the_first_swaths_of_an_adaptive_survey_cross_the_main_body():

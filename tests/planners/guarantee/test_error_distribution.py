@@ -38,7 +38,27 @@ def test_a_shared_error_makes_a_limit_less_probable():
     made = ErrorDistribution([ErrorMoments(0.04, 0.0002, 1.0)], spread=0.1)
     shared = made.with_shared(0.1)
     assert shared.probability(0.25) < made.probability(0.25)
-    assert shared.parts[0].mean == pytest.approx(0.05)
+    assert shared.rmse_m > made.rmse_m
+    assert shared.shared_share == pytest.approx(0.2)
+
+
+def test_a_level_of_any_size_makes_every_limit_less_probable(rng):
+    made = ErrorDistribution([ErrorMoments(0.9, 0.05, 1.0)], spread=0.1)
+    levels = made.by_level(1.0)
+    factors = np.exp(0.1 * rng.standard_t(4.0, 200_000))
+    squared = rng.gamma(0.9**2 / 0.05, factors**2 * 0.05 / 0.9) + np.square(rng.standard_normal(200_000))
+    for limit_m in (0.5, 0.8, 1.2, 2.0):
+        found = {name: one.probability(limit_m) for name, one in levels.items()}
+        assert found["prior"] == pytest.approx(np.mean(squared <= limit_m**2), abs=0.01)
+        assert (
+            found["prior"]
+            <= found["checkpoint"]
+            <= found["stake"]
+            <= found["benchmark"]
+            <= made.probability(limit_m)
+        )
+    assert levels["prior"].rmse_m == pytest.approx(np.sqrt(squared).mean(), rel=0.05)
+    assert levels["stake"].rmse_m == pytest.approx(made.rmse_m, rel=0.01)
 
 
 def test_a_larger_spread_makes_a_likely_limit_less_probable():

@@ -39,10 +39,16 @@ def test_a_plan_of_the_guaranteed_route_predicts_the_same_error():
     assert (one.rmse_m, one.low_m, one.high_m) == pytest.approx(
         [planned[name] for name in ("rmse_m", "rmse_low_m", "rmse_high_m")], rel=1e-9
     )
+    assert made.level_m == planned["prior_level_m"]
+    for name, held in one.by_level.items():
+        assert held.rmse_m == pytest.approx(planned[f"rmse_{name}_level_m"], rel=1e-9)
+    assert one.prior_level_share == pytest.approx(planned["prior_level_share"], rel=1e-9)
     errors, chances = np.array([(each.rmse_m, each.probability) for each in made.options]).T
     assert (np.diff(errors) < 0.0).all()
     assert (np.diff(chances) >= 0.0).all()
-    assert all(each.with_stakes >= each.probability for each in made.options)
+    assert all(
+        each.with_stakes >= each.probability > each.by_level["prior"].probability for each in made.options
+    )
 
 
 @pytest.mark.long

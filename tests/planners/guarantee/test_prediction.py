@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -91,6 +93,16 @@ def test_cells_of_a_prior_count_as_the_means_that_they_measure(rng):
     # Four nodes stand for a cell, and all directions between two for theirs.
     assert found == pytest.approx(expected, rel=0.03)
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+
+
+def test_the_level_of_a_map_by_the_prior_alone_is_that_of_the_mean_error_of_its_cells():
+    cells = cells_of(50.0, 0.5)
+    weights = np.full(len(cells), 1.0 / len(cells))
+    # Means of 36 cells: of the common level of 0.5 m, errors that neighbours share and independent ones.
+    assert 0.5 < cells.level_m <= np.sqrt(weights @ cells.covariance @ weights)
+    assert replace(cells, centre=cells.centre[:1]).level_m == pytest.approx(0.5 * np.sqrt(3.0))
+    assert cells_of(5.0, 0.5).level_m == pytest.approx(cells.level_m, rel=0.05)
+    assert cells_of(50.0, 0.0).level_m == 0.0
 
 
 def test_a_prior_helps_between_far_lines_and_not_between_near_ones():

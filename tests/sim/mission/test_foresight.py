@@ -1,18 +1,19 @@
 """Prediction of the map error of a mission, with the errors that its path shares."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 
-from firnline.actions.guaranteeing import survey_options
+import planners
 from firnline.actions.interface import NotMetError
+from firnline.actions.joint_planning import survey_options
 from planners import RandomWanderConfig
-from planners.prediction.prior_kernels import covariance_of_cells
 from sim.config.world import IceAssumptions, IceConfig, RandomTerrain, SatelliteConfig
-from sim.mission.foresight import cheapest, predict_survey, surveys_within
+from sim.mission.foresight import PredictedSurvey, cheapest, error_model_of, predict_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
-from survey.terrain.synthetic import random_dem
 from tests.sim.small_missions import mission_with
 
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), "EPSG:32608")
@@ -32,6 +33,32 @@ def test_stakes_lower_the_predicted_error_and_more_so_that_of_the_mean_height():
     assert staked.site_mean_m < plain.site_mean_m
     assert staked.chance >= plain.chance
     assert cheapest([plain, staked]) == plain
+
+
+def test_a_driven_mission_is_predicted_by_the_model_of_every_plan():
+    """What the path adds is its level and what differs from place to place; the relief is that of the samples alone."""
+    mission = mission_with(stakes=2)
+    model = error_model_of(mission, world())
+    found = predict_survey(mission, world(), limit_m=0.4, model=model)
+    rough = replace(model, posterior=replace(model.posterior, open_spread=1.0))
+    assert found == predict_survey(mission, world(), limit_m=0.4)
+    headline = model.beside_level(planners.plan(AREA, world().prior, mission.planner))
+    # Landmarks lie up to tens of metres beside the line on which the headline has its samples.
+    assert 0.5 * headline.rmse_m < found.rmse_m < np.hypot(headline.rmse_m, 2.0 * found.site_mean_m)
+    likely = predict_survey(mission, world(), limit_m=1.5 * found.rmse_m, model=model).chance
+    assert predict_survey(mission, world(), limit_m=1.5 * found.rmse_m, model=rough).chance < likely
+
+
+def test_progress_is_told_and_every_prediction_is_kept():
+    told, tried = [], []
+    wanted = {"limit_m": 10.0, "probability": 0.5, "most_swaths": 2}
+    list(
+        surveys_within(
+            mission_with(), world(), **wanted, progress=lambda *each: told.append(each), tried=tried
+        )
+    )
+    assert len(told) == len(tried) == 3
+    assert told[0] == ("predicting surveys", 0, 9)
 
 
 def test_the_fewest_swaths_are_found_for_each_number_of_stakes():
@@ -96,24 +123,18 @@ def test_the_lines_begin_with_the_survey_with_the_least_to_drive():
     asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     printed = "\n".join(survey_options(asked, 10.0, 0.5).lines())
     assert printed.startswith("least to drive: 2 swaths: ")
-    assert "not included       relief that the prior's cells do not show" in printed
+    assert "not included       times without vision" in printed
+    assert "(level " in printed
 
 
 def test_a_class_that_no_survey_reaches_is_not_met(monkeypatch):
     site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
     asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     # The search itself tries 24 surveys, which takes a minute.
-    monkeypatch.setattr("sim.mission.foresight.surveys_within", lambda *_, **__: iter(()))
-    with pytest.raises(NotMetError, match="ask for a larger error") as ending:
+    best = PredictedSurvey(8, 4, 0.21, 0.08, 0.0, 2100.0, 8)
+    monkeypatch.setattr(
+        "sim.mission.foresight.surveys_within", lambda *_, tried, **__: iter(tried.append(best) or ())
+    )
+    with pytest.raises(NotMetError, match="the best of them is 8 swaths with 4 stakes") as ending:
         survey_options(asked, 0.001, 0.5)
     assert ending.value.exit_code == 5
-
-
-@pytest.mark.parametrize(
-    ("family", "expected"), [("squared-exponential", "squared-exponential"), ("matern-3/2", "matern")]
-)
-def test_rough_cells_are_not_taken_for_smooth_ground(family, expected):
-    grid = Grid((0.0, 0.0, 1000.0, 1000.0), 40.0, "EPSG:32608")
-    cells = random_dem(family, grid, np.random.default_rng(3), relief_m=60.0, length_scale_m=150.0)
-    found = covariance_of_cells(cells, grid.bounds, sigma_m=1.0, nugget_m=0.15)
-    assert found.stated_kernel().family.startswith(expected)

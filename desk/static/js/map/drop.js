@@ -4,13 +4,14 @@ import { showPicture } from "./overlays.js";
 import { byId, element } from "../dom.js";
 
 /** @typedef {import("../server/plan.js").Plan} Plan */
+const ol = /** @type {any} */ (globalThis).ol;
 /** @typedef {import("./layers.js").Layers} Layers */
 
 /**
  * @param {any} map @param {Plan} plan @param {Layers} layers @param {(file: File) => Promise<void>} takePoints
- * @param {(sentence: string) => void} refuse
+ * @param {(sentence: string) => void} refuse @param {(extent: number[]) => void} zoomTo
  */
-export function acceptFiles(map, plan, layers, takePoints, refuse) {
+export function acceptFiles(map, plan, layers, takePoints, refuse, zoomTo) {
   let n = 0;
   const take = async (/** @type {File[]} */ files) => {
     for (const file of files) {
@@ -19,13 +20,14 @@ export function acceptFiles(map, plan, layers, takePoints, refuse) {
         let found = await post(place, file);
         refuse("");
         if (found.kind === "choices") {
-          const select = await chosenOutline(file.name, found.choices);
-          if (select === "") continue;
-          found = await post(`${place}&select=${encodeURIComponent(select)}`, file);
+          const chosen = await chosenOutlines(file.name, found.choices);
+          if (!chosen.length) continue;
+          found = await post(place + chosen.map((select) => `&select=${encodeURIComponent(select)}`).join(""), file);
         }
         if (found.kind === "outline") await takeOutline(plan, found.document, file.name);
         else if (found.kind === "points") await takePoints(file);
         else addLayer(map, layers, found, file.name, ++n);
+        zoomTo(extentOf(found));
       } catch (error) {
         refuse(error instanceof Error ? error.message : String(error));
       }
@@ -49,22 +51,32 @@ export function acceptFiles(map, plan, layers, takePoints, refuse) {
   return () => chooser.click();
 }
 
+/** @param {any} found Return the bounds of what a file holds. */
+function extentOf(found) {
+  if (found.bounds) return found.bounds;
+  const places = found.places ?? Object.values(found.document).flat(3).flat();
+  return ol.extent.boundingExtent(found.places ? places : pairs(places));
+}
+
+/** @param {number[]} numbers */
+const pairs = (numbers) => Array.from({ length: numbers.length / 2 }, (_, k) => [numbers[2 * k], numbers[2 * k + 1]]);
+
 /**
- * Ask which outline of a file with many is meant; the empty text stands for none.
- * @param {string} name @param {{title: string, select: string}[]} choices @returns {Promise<string>}
+ * Ask which outlines of a file with several are meant.
+ * @param {string} name @param {{title: string, select: string}[]} choices @returns {Promise<string[]>}
  */
-function chosenOutline(name, choices) {
-  const options = choices.map(({ title, select }) => element("option", { value: select }, title));
-  const list = element("select", { id: "outline-choice", size: String(Math.min(12, options.length)), "aria-label": "Outlines of the file" }, ...options);
+function chosenOutlines(name, choices) {
+  const options = choices.map(({ title, select }, index) => element("option", { value: select, selected: index === 0 }, title));
+  const list = element("select", { id: "outline-choice", multiple: true, size: String(Math.min(12, options.length)), "aria-label": "Outlines of the file" }, ...options);
   const take = element("button", { type: "submit", value: "take" }, "Add");
   const leave = element("button", { type: "submit", value: "" }, "Cancel");
-  const form = element("form", { method: "dialog" }, element("p", {}, `${name} holds ${choices.length} outlines. Which one is to be surveyed?`), list, take, leave);
+  const form = element("form", { method: "dialog" }, element("p", {}, `${name} holds ${choices.length - 1} outlines. Which are to be surveyed? Ctrl and click chooses several.`), list, take, leave);
   const dialog = /** @type {any} */ (element("dialog", { id: "outlines" }, form));
   document.body.append(dialog);
   dialog.showModal();
   return new Promise((resolve) => {
     dialog.addEventListener("close", () => {
-      resolve(dialog.returnValue === "take" ? /** @type {any} */ (list).value : "");
+      resolve(dialog.returnValue === "take" ? [.../** @type {any} */ (list).selectedOptions].map((option) => option.value) : []);
       dialog.remove();
     });
   });

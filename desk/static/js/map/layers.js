@@ -5,6 +5,9 @@ import { byId, element } from "../dom.js";
  * Pictures can be compared by a swipe; the base stays below both sides. */
 /** @typedef {{title: string, colours: string[], low: string, high: string}} Legend */
 
+/** Legends beyond these are folded up. */
+const MOST_LEGENDS = 2;
+
 export class Layers {
   /** @param {any} map @param {Entry[]} entries From the top down. @param {import("./swipe.js").Swipe} swipe */
   constructor(map, entries, swipe) {
@@ -46,7 +49,11 @@ export class Layers {
   /** Show the legends of the visible layers. */
   legends() {
     const found = this.entries.filter((entry) => entry.layer.getVisible()).map((entry) => entry.legend?.() ?? null);
-    byId("legend").replaceChildren(...found.flatMap((legend) => (legend ? [ramp(legend)] : [])));
+    const ramps = found.flatMap((legend) => (legend ? [ramp(legend)] : []));
+    const isOpen = byId("legend").querySelector("details")?.open ?? false;
+    const others = ramps.splice(MOST_LEGENDS);
+    const more = others.length ? [element("details", { class: "ramp", open: isOpen }, element("summary", { text: `${others.length} more` }), ...others)] : [];
+    byId("legend").replaceChildren(...ramps, ...more);
   }
 
   /** @param {Entry} entry */

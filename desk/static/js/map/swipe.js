@@ -35,6 +35,19 @@ export class Swipe {
     }
   }
 
+  /** @param {string} left @param {string} right Names of the layers that are compared. */
+  compare(left, right) {
+    [this.left.value, this.right.value] = [left, right];
+    /** @type {HTMLInputElement} */ (this.row.querySelector("#swipe-on")).checked = true;
+    this.#turn(true);
+  }
+
+  /** End the comparison. */
+  end() {
+    /** @type {HTMLInputElement} */ (this.row.querySelector("#swipe-on")).checked = false;
+    this.#turn(false);
+  }
+
   /** @param {boolean} isOn */
   #turn(isOn) {
     this.isOn = isOn;

@@ -1,5 +1,6 @@
 // The table of corners: every polygon and start as typed coordinates.
 import { element } from "../dom.js";
+import { fieldRow } from "./form.js";
 import { MARKS } from "../map/shapes.js";
 import { post } from "../server/api.js";
 
@@ -9,8 +10,13 @@ import { post } from "../server/api.js";
 const TITLES = /** @type {Record<string, string>} */ ({ areas: "Area", no_go: "No-go zone", starts: "Start", stakes: "Stake", checkpoints: "Checkpoint" });
 
 export class Corners {
-  /** @param {Plan} plan @param {Tools} tools @param {() => Place[]} square A first outline in the middle of the map. */
-  constructor(plan, tools, square) {
+  /**
+   * @param {Plan} plan @param {Tools} tools @param {() => Place[]} square A first outline in the middle of the map.
+   * @param {(sentence: string) => void} notify
+   */
+  constructor(plan, tools, square, notify) {
+    this.notify = notify;
+    this.wanted = { n: 30, max_slope_deg: 10, reach_m: /** @type {number|undefined} */ (undefined) };
     this.plan = plan;
     this.tools = tools;
     this.square = square;
@@ -29,7 +35,7 @@ export class Corners {
     const document_ = /** @type {any} */ (this.plan.document);
     const shapes = Object.keys(TITLES).flatMap((role) => document_[role].map((/** @type {any} */ _, /** @type {number} */ index) => `${role}-${index}`));
     const chosen = this.tools.selected && shapes.includes(this.tools.selected) ? this.tools.selected : shapes[0];
-    this.page.replaceChildren(element("h2", { text: "Shapes and corners" }), this.#adding(), ...(chosen ? [this.#choosing(shapes, chosen), ...this.#tables(chosen)] : []));
+    this.page.replaceChildren(element("h2", { text: "Shapes and corners" }), this.#adding(), this.#proposing(), ...(chosen ? [this.#choosing(shapes, chosen), ...this.#tables(chosen)] : []));
     this.#focus(focused?.id);
   }
 
@@ -43,8 +49,17 @@ export class Corners {
   #adding() {
     const add = (/** @type {string} */ title, /** @type {string} */ role, /** @type {string} */ name) =>
       element("button", { type: "button", text: title, onclick: () => this.#add(role, name) });
-    return element("div", { class: "row" }, add("Add an area", "areas", "Draw an area"), add("Add a no-go zone", "no_go", "Draw a no-go zone"), add("Add a start", "starts", "Mark a start"), add("Add a stake", "stakes", "Set a stake"), add("Add a checkpoint", "checkpoints", "Mark a checkpoint"),
-      element("button", { type: "button", id: "propose-checkpoints", text: "Propose 30 checkpoints", onclick: () => this.#propose() }));
+    return element("div", { class: "row" }, add("Add an area", "areas", "Draw an area"), add("Add a no-go zone", "no_go", "Draw a no-go zone"), add("Add a start", "starts", "Mark a start"), add("Add a stake", "stakes", "Set a stake"), add("Add a checkpoint", "checkpoints", "Mark a checkpoint"));
+  }
+
+  #proposing() {
+    const row = (/** @type {"n"|"max_slope_deg"|"reach_m"} */ name, /** @type {string} */ title, /** @type {string} */ help, /** @type {any} */ ground) =>
+      fieldRow("propose", { name, help, default: ground, kind: name === "n" ? "integer" : "number", choices: [] }, this.wanted[name], (value) => void (this.wanted[name] = value ?? ground), title);
+    return element("details", { class: "more", open: this.page.querySelector("details")?.open ?? false },
+      element("summary", { text: "Propose checkpoints" }),
+      row("n", "Number", "How many checkpoints.", 30), row("max_slope_deg", "Largest slope", "Steeper ground gets no checkpoint: there an error in place is one in height.", 10),
+      row("reach_m", "Reach", "Largest distance from the route; anywhere in the area without one.", undefined),
+      element("button", { type: "button", id: "propose-checkpoints", text: "Propose checkpoints", onclick: () => this.#propose() }));
   }
 
   /** @param {string} role @param {string} title */
@@ -60,8 +75,9 @@ export class Corners {
   /** Replace the checkpoints by well spread ones. */
   async #propose() {
     try {
-      const { places } = await post("/api/checkpoints", { n: 30 });
+      const { places, note } = await post("/api/checkpoints", this.wanted);
       await this.plan.edit("Propose checkpoints", (document) => void (document.checkpoints = places));
+      this.notify(note && `Not all could be kept: ${note}`);
     } catch (error) {
       this.plan.dispatchEvent(new CustomEvent("refused", { detail: error instanceof Error ? error.message : String(error) }));
     }

@@ -9,9 +9,11 @@ export function showFacts(plan) {
   if (!plan) return byId("facts").replaceChildren();
   const by = new Map(plan.facts.map((fact) => [fact.name, fact]));
   const rmse = by.get("rmse_m");
+  const [, value, bounds] = /^([^(]*[^( ])(?: (\(.*\)))?$/.exec(rmse?.text ?? "…") ?? [];
   const main = element("div", { class: "fact main" },
     element("span", { text: rmse ? "Predicted RMSE of the map" : plan.no_error_because || "Predicted error follows" }),
-    element("b", { id: "rmse", text: rmse ? rmse.text : "…" }));
+    element("b", { id: "rmse" }, value, ...(bounds ? [" ", element("small", { text: bounds })] : [])),
+    element("span", { id: "swaths", text: plan.spacing_m ? `${plan.swaths}, ${plan.spacing_m.toPrecision(3)} m apart` : plan.swaths }));
   const cells = SHOWN.flatMap((name) => {
     const fact = by.get(name);
     if (!fact || ((name === "left_out_share" || name === "n_recharges") && fact.value === 0)) return [];

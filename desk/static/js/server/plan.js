@@ -7,7 +7,7 @@ export class Plan extends EventTarget {
   constructor() {
     super();
     /** @type {PlanDocument} */
-    this.document = { areas: [], no_go: [], starts: [], stakes: [], checkpoints: [], planner: {}, rover: {}, fleet: {}, requirement: {}, simulation: {}, measured: {} };
+    this.document = { areas: [], no_go: [], starts: [], stakes: [], checkpoints: [], planner: {}, rover: {}, fleet: {}, requirement: {}, simulation: {}, notes: "", measured: {} };
     this.revision = -1;
     /** @type {string|null} */
     this.undoTitle = null;

@@ -35,9 +35,12 @@ def test_a_class_is_met_only_when_95_percent_of_errors_are_within_its_limit():
 
 
 def test_absolute_and_relative_errors_are_stated_with_class_and_deviation():
-    absolute, relative = certificate(claimed(0.3, 0.05)).sentences
+    absolute, relative, level = certificate(claimed(0.3, 0.05)).sentences
     assert "no class met" in absolute
-    assert "its level errs by 0.300 m" in absolute
+    assert "its level errs by 0.300 m (1 σ), 97% of the squared error" in level
+    assert (
+        "0.076 m with one checkpoint, 0.058 m with one stake or RTK, 0.051 m with a known benchmark" in level
+    )
     assert "not tested" in absolute
     assert "RMSE 0.050 ±" in relative
     assert "Class 1 met" in relative
@@ -47,6 +50,14 @@ def test_relative_error_is_that_without_the_offset():
     claim = certificate(claimed(0.3, 0.05)).claim
     assert claim.relative.expected_m == pytest.approx(0.05, rel=0.01)
     assert claim.offset_sigma_m == pytest.approx(0.3, rel=0.01)
+
+
+def test_a_map_records_what_known_heights_change_of_its_level():
+    facts = claimed(0.3, 0.05).diagnostics[CLAIM]
+    assert facts["level_share"] == pytest.approx(0.973, abs=0.005)
+    # The stake is surveyed to 0.03 m; beside a checkpoint the map errs by 0.05 m, too.
+    assert facts["tied_m"]["stake"] == pytest.approx(np.hypot(0.05, 0.03), rel=0.02)
+    assert facts["tied_m"]["checkpoint"] == pytest.approx(np.hypot(0.05, 0.058), rel=0.03)
 
 
 def test_no_class_is_stated_where_ground_lies_beyond_the_points_left_out():
