@@ -162,7 +162,8 @@ def _outcome(
     fixes = case.receiver.fixes(times, places, seed)
     recording = _recording(changed, fixes)
     try:
-        found = localize(recording, case.receiver.config(), visual=visual).trajectory
+        stated = case.receiver.config() if case.is_stated else None
+        found = localize(recording, stated, visual=visual).trajectory
     except FirnlineError as refusal:
         return Outcome(ended=str(refusal))
     judged = (found.time_s >= fixes.time_s[0]) & (found.time_s <= fixes.time_s[-1])

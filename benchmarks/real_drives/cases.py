@@ -18,7 +18,16 @@ from benchmarks.real_drives.fresh import (
     with_passing_patch,
     with_repeated_images,
 )
-from benchmarks.real_drives.receivers import GPS, LATE, PHONE, RTK, RTK_10_HZ, Receiver
+from benchmarks.real_drives.receivers import (
+    GPS,
+    LATE,
+    PHONE,
+    RTK,
+    RTK_10_HZ,
+    SCATTERED,
+    SCATTERED_5_HZ,
+    Receiver,
+)
 from vision_slam.readers.sequence import ImageSequence, scale_by_reference
 
 Change = Callable[[ImageSequence], ImageSequence]
@@ -26,12 +35,16 @@ Change = Callable[[ImageSequence], ImageSequence]
 
 @dataclass(frozen=True)
 class Case:
-    """A change of the images, the receiver beside them, and words of the message that may end the run."""
+    """A change of the images, the receiver beside them, and words of the message that may end the run.
+
+    `is_stated`: whether the user states the errors of the receiver.
+    """
 
     name: str
     change: Change
     receiver: Receiver = GPS
     reasons: tuple[str, ...] = ()
+    is_stated: bool = True
 
 
 def clean(sequence: ImageSequence) -> ImageSequence:
@@ -51,6 +64,8 @@ CASES = (
     Case("RTK 1 Hz", clean, RTK),
     Case("RTK 10 Hz", clean, RTK_10_HZ),
     Case("phone 1 Hz", clean, PHONE),
+    Case("3 m, nothing stated", clean, SCATTERED, is_stated=False),
+    Case("3 m at 5 Hz, nothing stated", clean, SCATTERED_5_HZ, is_stated=False),
     Case("fixes 0.5 s late", clean, LATE, ("time", "clock")),
     Case("exact wheels and fixes", EXACT_WHEELS),
     Case("wheels 3 % off and fixes", WRONG_WHEELS),

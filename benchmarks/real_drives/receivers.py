@@ -47,6 +47,8 @@ GPS = Receiver()
 RTK = Receiver(bias_m=0.01, bias_time_s=300.0, white_m=0.02)
 RTK_10_HZ = Receiver(10.0, bias_m=0.01, bias_time_s=300.0, white_m=0.02)
 PHONE = Receiver(bias_m=3.0, bias_time_s=100.0, white_m=1.0)
+SCATTERED = Receiver(bias_m=0.3, white_m=3.0)
+SCATTERED_5_HZ = Receiver(5.0, bias_m=0.3, white_m=3.0)
 LATE = Receiver(late_s=0.5)
 
 
