@@ -93,7 +93,7 @@ ABOUT: dict[str, About] = {
     "emap-table1": About("Error beside OctoMap's, four scenarios (Table 1)", 1.7),
     "emap-sensitivity": About("Table 1 under 72 settings that the paper leaves open", None),
     "emap-fig4": About("Spread of raw errors over the nodes (Fig. 4)", 0.5),
-    "emap-fig5": About("Error along the drive, Gaussian scenario (Fig. 5)", 1.1),
+    "emap-fig5": About("Error along the drive, Gaussian scenario (Fig. 5)", 2.0),
     "emap-fig6": About("Time against nodes (Fig. 6)", 0.1),
     "emap-range": About("Effective range of the scanner (Eqs. 4 and 7)", 0.4),
     "carving-fig3": About("Wu's kernel (Fig. 3)", 0.01),
