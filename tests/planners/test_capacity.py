@@ -138,4 +138,4 @@ def test_a_hundred_kilometres_are_too_large_to_simulate():
     cells = Dem(rng.standard_normal((12, 12)), Affine(1e4, 0, 0, 0, -1e4, 1.2e5), CRS)
     area = SurveyArea(shapely.box(0.0, 0.0, 1.2e5, 1.2e5), CRS)
     with pytest.raises(CapacityError, match="at most 5000000 can be used: take a sample spacing"):
-        guarantee(area, cells, MapRequirement(0.5, n_simulations=10))
+        guarantee(area, cells, MapRequirement(0.5, n_simulations=10, max_swaths=1000))

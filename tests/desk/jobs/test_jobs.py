@@ -48,7 +48,7 @@ def test_a_requirement_ends_with_a_plan_or_a_sentence(page):
     assert done["kind"] == "done"
     assert "RMSE" in done["sentence"]
     assert done["command"].startswith(
-        "firnline plan hills.gpkg --prior hills.tif --require 1.5 --probability 0.8"
+        "firnline plan hills_area.gpkg --prior hills.tif --require 1.5 --probability 0.8"
     )
     if done["holds"]:
         assert done["planner"]["swaths"] >= 1
