@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.promise_on_real_ground.windows import SEED
 from planners.guarantee.guarantee import SwathSearch
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction.kernel_posterior import posterior_in_grid
+from planners.prediction.error_model import model_in_grid
 from survey import Grid, SurveyArea
 from survey.core.streams import stream
 from survey.terrain import random_dem, satellite_copy
@@ -68,8 +68,8 @@ def _pair(
             probability=float(probability[k]),
             prior_sigma_m=float(sigma_m[k]),
         )
-        posterior = posterior_in_grid(area, search.prior, requirement)
-        asked = replace(search, requirement=requirement, posterior=posterior)
+        model = model_in_grid(area, search.prior, requirement)
+        asked = SwathSearch(requirement, search.prior, search.site, model, search.heading_deg, search.counts)
         counts = [asked.fewest(shape) for shape in asked.patterns()]
         found.append(float(min((n for n in counts if n is not None), default=np.inf)))
     return found[0], found[1]

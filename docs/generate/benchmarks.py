@@ -90,7 +90,7 @@ def papers_page() -> str:
         for paper in ("glacier", "emap", "carving")
     ]
     head = "# Beside the papers\n\n`firnline reproduce --list` names every figure and table.\n\n"
-    return head + "\n".join(texts)
+    return head + "\n".join(texts).replace("[the claims](README.md)", "the claims above")
 
 
 def title(name: str) -> str:
