@@ -5,6 +5,7 @@
 """
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -183,14 +184,16 @@ def band_count(path: str | Path) -> int:
     return len(band_names(path))
 
 
-# Parts of the names of bands that hold standard deviations; the last one is that of a second band without a name.
-_SIGMA_WORDS = ("sigma", "σ", "std", "dev", "uncert", "err", "rmse", "band_2")
+# Names of bands that hold standard deviations have one of these words; band_2 is a second band without a name.
+_SIGMA_WORDS = re.compile(
+    r"(^|[^a-z])(sigma|sd|std|std ?dev|stdev|dev|deviation|uncertainty|err|errors?|rmse)([^a-z]|$)|σ|^band_2$"
+)
 
 
 def sigma_band(path: str | Path) -> int | None:
     """Return the number of the band of standard deviations: the second, unless its name says something else."""
     second = "".join(band_names(path)[1:2]).casefold()
-    return 2 if any(word in second for word in _SIGMA_WORDS) else None
+    return 2 if _SIGMA_WORDS.search(second) else None
 
 
 def band_names(path: str | Path) -> list[str]:

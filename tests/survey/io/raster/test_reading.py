@@ -125,6 +125,10 @@ def test_a_raster_without_a_georeference_is_not_taken_for_one_from_south_to_nort
         ("elevation_error", 2),
         (None, 2),
         ("slope", None),
+        ("StdDev", 2),
+        ("sigma_m", 2),
+        ("terrain", None),
+        ("device", None),
         ("n_points", None),
     ],
 )
