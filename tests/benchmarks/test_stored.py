@@ -12,6 +12,7 @@ from benchmarks.stored import CHANGED, FRESH, IN_PARTS, UNKNOWN, Stored, every_s
 from benchmarks.stored_parts import stored as stored_part
 from papers.code_closure import code_of_today
 from papers.studies import ABOUT, STUDIES
+from survey.core.documents import read_record
 
 OF = "benchmarks.volume_intervals:measure"
 
@@ -131,6 +132,13 @@ def test_values_of_tables_are_put_into_texts():
     assert said == "74.6"
     with pytest.raises(SystemExit, match="0 values, not one"):
         filled("{emap-table1/table.csv|Raw|none|paper|.1f}")
+
+
+@pytest.mark.parametrize(
+    "folder", sorted(stored.RESULTS.glob("*/made.json")), ids=lambda file: file.parent.name
+)
+def test_the_files_of_a_stored_study_are_all_kept(folder):
+    assert read_record(folder.parent)
 
 
 def test_the_listed_folders_are_those_of_studies():
