@@ -24,7 +24,7 @@ from desk.plan.history_file import StoredHistory, read_history
 def set_stakes(file: Path, first: int, n: int) -> Iterator[int]:
     """Set stakes whose easting is their number, and yield each number once its edit is stored.
 
-    An edit that is refused, because another desk changed the plan, is made anew of the plan as it is then.
+    An edit that is refused because another desk changed the plan is sent again for the changed plan.
     """
     store = StoredHistory(file, PlanDocument(), "site.tif")
     for number in range(first, first + n):

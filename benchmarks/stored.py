@@ -1,11 +1,10 @@
-"""Stored tables and figures: which are of today's code, and what earlier runs can be told from the history.
+"""List which stored tables and figures are of today's code, and find the code of earlier runs in the history.
 
 ``python -m benchmarks.stored check`` lists what is stale (``make results-check``); ``page`` does that, keeps the list in
 ``results/checked.json`` and writes ``results/README.md`` (``make results``); ``history`` gives tables that were stored without a
 provenance the commit that stored them and the digest of the code of that commit, and computes digests of runs of committed
-code again;
-``why NAME`` names the definitions that have changed since; ``remark NAME TEXT ...`` puts a remark, one
-text a sentence or two, on a table or a figure.
+code again; ``why NAME`` names the definitions that have changed since; ``remark NAME TEXT ...`` stores a remark on a
+table or a figure, each text a sentence or two.
 """
 
 import json

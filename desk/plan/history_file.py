@@ -394,7 +394,7 @@ def _parsed(content: bytes, path: Path) -> tuple[History, int]:
     return history, 1 + len(others)
 
 
-_REMEDY = "put a copy in its place, or remove it to begin anew"
+_REMEDY = "put a copy in its place, or remove it to begin a new plan"
 
 
 def _object(content: bytes, where: str) -> dict[str, Any]:

@@ -79,15 +79,15 @@ class RateColumn(ProgressColumn):
         return Text("" if speed is None else f"{speed:.3g}/s")
 
 
-# Lines of progress where there is no terminal.
-_TOLD_EACH_S = 60.0
+# Time between lines of progress where there is no terminal [s].
+_LINE_EACH_S = 60.0
 
 
 @contextmanager
 def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a progress callback (what, done, total) that shows a bar for each kind of work.
 
-    Where no terminal shows bars, work that takes long is told in lines.
+    Without a terminal it prints a line each minute.
     """
     columns = (
         SpinnerColumn(),
@@ -101,15 +101,15 @@ def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]
     console = Console(stderr=True, quiet=quiet, highlight=False)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         tasks: dict[str, TaskID] = {}
-        told = time.perf_counter()
+        printed_s = time.perf_counter()
 
         def update(what: str, done: int, total: int) -> None:
-            nonlocal told
+            nonlocal printed_s
             if what not in tasks:
                 tasks[what] = bars.add_task(what, total=total)
             bars.update(tasks[what], completed=done, total=total)
-            if not console.is_terminal and time.perf_counter() - told > _TOLD_EACH_S:
-                told, left_s = time.perf_counter(), bars.tasks[tasks[what]].time_remaining
+            if not console.is_terminal and time.perf_counter() - printed_s > _LINE_EACH_S:
+                printed_s, left_s = time.perf_counter(), bars.tasks[tasks[what]].time_remaining
                 left = "" if left_s is None else f", about {duration_text(left_s)} left"
                 console.print(f"{what}: {done} of {total}{left}")
 

@@ -218,7 +218,7 @@ class SwathSearch:
         def is_enough(index: int) -> bool:
             return self._distribution(shape, self.counts[index - 1]).probability(limit_m) >= wanted
 
-        # What the densest survey does not reach, no other is tried for.
+        # Where the densest survey is not enough, sparser ones are not predicted.
         if not is_enough(len(self.counts)):
             return None
         few = sum(n <= _EACH_TRIED for n in self.counts)

@@ -127,7 +127,8 @@ def white_error_m(recording: OdometryRecording, path: FloatArray) -> float | Non
     .. math::  \sigma^2 = \frac{\mathrm{median} |d_{i-1} - 2 d_i + d_{i+1}|^2}{12 \log 2}
 
     for complex d whose parts have the variance σ²: squares of second differences are exponentially distributed with the mean
-    12 σ². The median leaves out outliers. Errors that last longer than some seconds are not seen.
+    12 σ². The median tolerates outliers, but each takes part in three differences: where one fix of fourteen is far off, the
+    result is a third too large. Errors that last longer than some seconds are not seen.
 
     `path` (N, 3): dead-reckoned positions [m]. None where fixes are few or far apart.
     """

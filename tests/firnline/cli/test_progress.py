@@ -33,13 +33,13 @@ def test_stages_are_timed_by_other_runs_of_the_mission(tmp_path: Path):
 
 
 def test_without_a_terminal_long_work_is_told_in_lines(monkeypatch, capsys):
-    monkeypatch.setattr("firnline.cli.progress._TOLD_EACH_S", 0.0)
+    monkeypatch.setattr("firnline.cli.progress._LINE_EACH_S", 0.0)
     with counted() as update:
         update("predicting surveys", 3, 9)
     with counted(quiet=True) as update:
         update("predicting surveys", 4, 9)
     assert capsys.readouterr().err == "predicting surveys: 3 of 9\n"
-    monkeypatch.setattr("firnline.cli.progress._TOLD_EACH_S", 10.0)
+    monkeypatch.setattr("firnline.cli.progress._LINE_EACH_S", 10.0)
     with counted() as update:
         update("predicting surveys", 3, 9)
     assert not capsys.readouterr().err
