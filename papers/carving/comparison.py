@@ -19,6 +19,7 @@ from numba import njit
 
 from papers.carving.world import N_TRAIN, TERRAINS, ScanTrial
 from papers.outputs import write_csv, write_figure
+from survey import Grid
 from survey.core import FloatArray, IntArray, Progress, stream
 from survey.data.surface_points import SurfacePoints
 from survey.figures.style import ESTIMATE, FULL_IN, PRIOR, ROVERS, styled
@@ -34,7 +35,7 @@ from survey.reconstruction.carving.descent import (
     fresh_height,
     height_at,
 )
-from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
+from survey.reconstruction.carving.space_carving import SpaceCarvingKernel, contributions
 from survey.reconstruction.line_of_sight.returns import checked_origins
 
 PAPER = (
@@ -117,7 +118,7 @@ def figure_12(folder: Path, *, quick: bool, progress: Progress) -> None:
     curves = {}
     for k, name in enumerate(TERRAINS, start=1):
         trial = ScanTrial.new(name, SEEDS[0], n_train=2000 if quick else N_TRAIN)
-        model = SpaceCarvingKernel(REGIMES["5 m"].config(trial, carve=True)).begin(trial.train)
+        model = SpaceCarvingKernel(REGIMES["short reach"].config(trial, carve=True)).begin(trial.train)
         curves[name] = [trial.errors(model.predict)[0] for _ in model.passes()]
         progress("terrains", k, len(TERRAINS))
     passes = range(1, len(next(iter(curves.values()))) + 1)
@@ -268,6 +269,11 @@ class LiteralCarving:
         """Return the surface's height (N,) at places (N, 2) [m]."""
         assert self._bases is not None
         return self._prior_m + self._bases.heights(xy - self._corner)
+
+    def contributions(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
+        """Return the sums of |α| (H, W) [m] of the bases that rays and that points made, in the cell about each node."""
+        assert self._bases is not None
+        return contributions(self._bases, self._corner, grid)
 
     def _step(self, n: int) -> Step:
         config = self.config

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from papers.carving.comparison import LiteralCarving
 from papers.carving.world import CRS, HALF_M, N_TRAIN, NOISE_M, SENSOR_HEIGHT_M, CarvingWorld, ScanTrial
 from papers.emap.world import RasterHeights
 from papers.outputs import write_csv, write_figure
@@ -190,19 +191,24 @@ def figure_9(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 
 def figure_10(folder: Path, *, quick: bool, progress: Progress) -> None:
-    """Map what lines of sight and what points contributed (Fig. 10)."""
+    """Map what lines of sight and what points contributed, in the kernels and in Algorithm 1 as printed (Fig. 10)."""
     trial, model = _learned(quick, progress)
     cells = Grid((-HALF_M + 0.25, -HALF_M + 0.25, HALF_M - 0.25, HALF_M - 0.25), 0.5, CRS)
-    rays, points = model.contributions(cells)
+    printed = LiteralCarving(SpaceCarvingConfig(bounds=False)).fit(trial.train).contributions(cells)
+    ours = model.contributions(cells)
     edges = np.linspace(-HALF_M, HALF_M, 61)
     counts = np.histogram2d(trial.train.xyz[:, 1], trial.train.xyz[:, 0], [edges, edges])[0][::-1]
     rows = [
         (name, float(total.sum()), float(np.mean(total > 0.0)), _share_of_half(total))
-        for name, total in (("lines of sight", rays), ("points", points), ("hits", counts))
+        for name, total in zip(
+            ("lines of sight", "points", "lines of sight, Algorithm 1", "points, Algorithm 1", "hits"),
+            (*ours, *printed, counts),
+            strict=True,
+        )
     ]
     heading = ("what", "sum", "share_of_cells_above_0", "share_of_cells_with_half_of_it")
     write_csv(folder / "contributions.csv", heading, rows)
-    write_figure(folder / "contributions.png", draw_contributions(rays, points, counts))
+    write_figure(folder / "contributions.png", draw_contributions(ours, printed, counts))
 
 
 def figure_13(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -351,21 +357,25 @@ def draw_places(trial: ScanTrial) -> Figure:
 
 
 @styled
-def draw_contributions(rays: FloatArray, points: FloatArray, counts: FloatArray) -> Figure:
-    """Draw what lines of sight and points contribute to the estimate, and the hits per cell."""
-    figure = Figure(figsize=(FULL_IN, 2.9), layout="constrained")
-    all_axes = figure.subplots(1, 3, sharey=True)
+def draw_contributions(
+    ours: tuple[FloatArray, FloatArray], printed: tuple[FloatArray, FloatArray], counts: FloatArray
+) -> Figure:
+    """Draw what lines of sight and points contribute to both estimates, and the hits per cell."""
+    figure = Figure(figsize=(FULL_IN, 5.2), layout="constrained")
+    all_axes = figure.subplots(2, 3, sharex=True, sharey=True)
     norm = LogNorm(0.01, 30.0)
-    for axes, title, total in zip(all_axes, ("lines of sight", "points"), (rays, points), strict=False):
-        image = axes.imshow(np.maximum(total, 1e-6), extent=EXTENT, cmap=DENSITY, norm=norm)
-        axes.set_title(title)
-    figure.colorbar(image, ax=all_axes[:2], label="sum of |α| in 0.5 m cells [m]", shrink=0.8, extend="both")
-    hits = all_axes[2].imshow(np.maximum(counts, 1e-6), extent=EXTENT, cmap=DENSITY, norm=LogNorm(0.8, 100.0))
-    all_axes[2].set_title("hits")
-    figure.colorbar(hits, ax=all_axes[2], label="points in 0.5 m cells", shrink=0.8)
-    for axes in all_axes:
+    for row, (name, totals) in zip(all_axes, (("kernels", ours), ("Algorithm 1", printed)), strict=True):
+        for axes, title, total in zip(row, ("lines of sight", "points"), totals, strict=False):
+            image = axes.imshow(np.maximum(total, 1e-6), extent=EXTENT, cmap=DENSITY, norm=norm)
+            axes.set_title(f"{name}: {title}")
+        row[0].set_ylabel("north [m]")
+    figure.colorbar(image, ax=all_axes[:, :2], label="sum of |α| in 0.5 m cells [m]", shrink=0.7, extend="both")
+    hits = all_axes[0, 2].imshow(np.maximum(counts, 1e-6), extent=EXTENT, cmap=DENSITY, norm=LogNorm(0.8, 100.0))
+    all_axes[0, 2].set_title("hits")
+    figure.colorbar(hits, ax=all_axes[0, 2], label="points in 0.5 m cells", shrink=0.8)
+    all_axes[1, 2].axis("off")
+    for axes in all_axes[1, :2]:
         axes.set_xlabel("east [m]")
-    all_axes[0].set_ylabel("north [m]")
     return figure
 
 

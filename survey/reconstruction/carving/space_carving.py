@@ -24,7 +24,7 @@ from survey.reconstruction.carving.carved_surface import (
     write_carving,
 )
 from survey.reconstruction.carving.config import SpaceCarvingConfig, raster_step_m, require_kernel_memory
-from survey.reconstruction.carving.descent import BY_POINT, BY_RAY, Step
+from survey.reconstruction.carving.descent import BY_POINT, BY_RAY, Bases, Step
 from survey.reconstruction.line_of_sight.returns import checked_origins, ghosts
 from survey.reconstruction.nodes import NodeWindow
 from survey.reconstruction.terrain_map import SIGMAS_95, UNSEEN, Reconstruction
@@ -172,19 +172,7 @@ class SpaceCarvingKernel(TerrainModel):
 
         The paper's Fig. 10.
         """
-        bases = self.mean_surface.bases()
-        east, north, _ = self.where.corner
-        column = np.round((bases.x + east - grid.x[0]) / grid.step_m).astype(np.int64)
-        row = np.round((grid.y[0] - bases.y - north) / grid.step_m).astype(np.int64)
-        rows, columns = grid.shape
-        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        sums = []
-        for maker in (BY_RAY, BY_POINT):
-            chosen = inside & (bases.made_by == maker)
-            total = np.zeros(grid.shape)
-            np.add.at(total, (row[chosen], column[chosen]), np.abs(bases.weight[chosen]))
-            sums.append(total)
-        return sums[0], sums[1]
+        return contributions(self.mean_surface.bases(), self.where.corner[:2], grid)
 
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:  # noqa: ARG002
         """Refuse: the surfaces state no distribution."""
@@ -398,3 +386,21 @@ class SpaceCarvingKernel(TerrainModel):
             "spread_m": self.spread_m_,
         }
         return facts if self.config.bounds else facts | {"standard_deviation": _NOTE}
+
+
+def contributions(bases: Bases, corner: npt.NDArray[np.float64], grid: Grid) -> tuple[FloatArray, FloatArray]:
+    """Return the sums of |α| (H, W) [m] of the bases that rays and that points made, in the cell about each node.
+
+    `corner` (2,): place of the bases' origin [m].
+    """
+    column = np.round((bases.x + corner[0] - grid.x[0]) / grid.step_m).astype(np.int64)
+    row = np.round((grid.y[0] - bases.y - corner[1]) / grid.step_m).astype(np.int64)
+    rows, columns = grid.shape
+    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+    sums = []
+    for maker in (BY_RAY, BY_POINT):
+        chosen = inside & (bases.made_by == maker)
+        total = np.zeros(grid.shape)
+        np.add.at(total, (row[chosen], column[chosen]), np.abs(bases.weight[chosen]))
+        sums.append(total)
+    return sums[0], sums[1]
