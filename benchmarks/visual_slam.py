@@ -39,8 +39,8 @@ from survey.data.trajectory import Trajectory
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.evaluation import absolute_errors_m
 from vision_slam.motion import MotionSensors
-from vision_slam.odometry.bundle_adjustment import half_turned
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.odometry.window import half_turned
 from vision_slam.readers.sequence import scale_by_reference
 from vision_slam.recordings import read_sequence
 

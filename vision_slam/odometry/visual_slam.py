@@ -10,7 +10,6 @@ from survey.core import BoolArray, FloatArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
-from vision_slam.odometry.bundle_adjustment import Window, half_turned
 from vision_slam.odometry.health import FrameHealth, VisionHysteresis, WheelSlipDetector, image_health
 from vision_slam.odometry.resection import PixelNoise, ViewRecognizer, resect
 from vision_slam.odometry.tracks import (
@@ -24,6 +23,7 @@ from vision_slam.odometry.tracks import (
     rotation_between,
     track_corners,
 )
+from vision_slam.odometry.window import Window, half_turned
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02

@@ -11,8 +11,8 @@ from survey.data.camera import Camera
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
-from vision_slam.odometry.bundle_adjustment import Window
 from vision_slam.odometry.tracks import Track
+from vision_slam.odometry.window import Window
 
 
 def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None:
