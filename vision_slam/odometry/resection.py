@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
-import gtsam
 import numpy as np
 import numpy.typing as npt
 
@@ -23,10 +22,9 @@ from vision_slam.motion import GAP_S, RelativeMotion
 def resect(
     predicted: FloatArray,
     points: FloatArray,
-    is_far: BoolArray,
     rays: FloatArray,
     *,
-    angle_sigma: float,
+    angle_sigma: FloatArray | float,
     turn_sigma: float,
     shift_sigma: float,
 ) -> tuple[FloatArray, FloatArray]:
@@ -36,20 +34,20 @@ def resect(
     Geman-McClure weights w = (1 + e²/c²)⁻²; u are the measured unit rays and û those that
     the pose gives. Points at infinity move with the rotation only.
 
-    `predicted` (4, 4): camera to world. `points` (N, 3): world places, or unit directions where `is_far`.
-    `is_far` (N,) bool: which are directions. `rays` (N, 3): unit, camera frame. `angle_sigma`: error of a ray
+    `predicted` (4, 4): camera to world. `points` (N, 4): homogeneous coordinates in the world; the last is 0 for
+    directions. `rays` (N, 3): unit, camera frame. `angle_sigma` (N,) or one for all: error of a ray
     [rad]. `turn_sigma`, `shift_sigma`: error of the prediction [rad], [m]. Returns `pose` (4, 4): camera to
     world. `errors` (N,): angle between measured and expected ray [rad].
     """
     rotation, place = predicted[:3, :3].copy(), predicted[:3, 3].copy()
     base_turn, base_place = rotation.copy(), place.copy()
     for iteration in range(10):
-        expected, distance = _expected_rays(rotation, place, points, is_far)
+        expected, distance = _expected_rays(rotation, place, points)
         error = rays - expected
         # From a wide basin to a narrow one, so that a bad prediction does not reject good points.
         width = angle_sigma * max(3.0, 24.0 * 0.6**iteration)
-        weight = (1.0 + (error**2).sum(axis=1) / width**2) ** -2 / angle_sigma**2
-        jacobian = _ray_jacobian(expected, distance, is_far)
+        weight = (1.0 + (error**2).sum(axis=1) / width**2) ** -2 / np.square(angle_sigma)
+        jacobian = _ray_jacobian(expected, distance, points[:, 3])
         normal = np.einsum("n,nki,nkj->ij", weight, jacobian, jacobian)
         right = np.einsum("n,nki,nk->i", weight, jacobian, error)
         normal[:3, :3] += np.eye(3) / turn_sigma**2
@@ -63,36 +61,34 @@ def resect(
             break
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, place
-    expected, _ = _expected_rays(rotation, place, points, is_far)
+    expected, _ = _expected_rays(rotation, place, points)
     return pose, np.linalg.norm(rays - expected, axis=1)
 
 
-def resection_information(
-    pose: FloatArray, points: FloatArray, is_far: BoolArray, angle_sigma: float
-) -> FloatArray:
+def resection_information(pose: FloatArray, points: FloatArray, angle_sigma: float) -> FloatArray:
     """Return the information (6, 6) of rays to known points about rotation and shift in the camera frame.
 
-    Points, far points and errors are those of `resect`; its prediction is not in it.
+    Points and errors are those of `resect`; its prediction is not in it.
     """
-    jacobian = _ray_jacobian(*_expected_rays(pose[:3, :3], pose[:3, 3], points, is_far), is_far)
+    jacobian = _ray_jacobian(*_expected_rays(pose[:3, :3], pose[:3, 3], points), points[:, 3])
     information: FloatArray = np.einsum("nki,nkj->ij", jacobian, jacobian) / angle_sigma**2
     return information
 
 
-def _ray_jacobian(expected: FloatArray, distance: FloatArray, is_far: BoolArray) -> FloatArray:
-    """Return how û changes (N, 3, 6): by û × dθ with the turn, by -(I - û ûᵀ) Rᵀ dt / distance with the shift."""
+def _ray_jacobian(expected: FloatArray, distance: FloatArray, nearness: FloatArray) -> FloatArray:
+    """Return how û changes (N, 3, 6): by û × dθ with the turn, by -w (I - û ûᵀ) Rᵀ dt / distance with the shift."""
     jacobian = np.zeros((len(expected), 3, 6))
     jacobian[:, :, :3] = _skew(expected)
     across = np.eye(3) - expected[:, :, None] * expected[:, None, :]
-    jacobian[:, :, 3:] = -(across / distance[:, None, None]) * (~is_far)[:, None, None]
+    jacobian[:, :, 3:] = -across * (nearness / distance)[:, None, None]
     return jacobian
 
 
 def _expected_rays(
-    rotation: FloatArray, place: FloatArray, points: FloatArray, is_far: BoolArray
+    rotation: FloatArray, place: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    seen = np.where(is_far[:, None], points, points - place) @ rotation
-    distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-6)
+    seen = (points[:, :3] - points[:, 3:] * place) @ rotation
+    distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
     return seen / distance[:, None], distance
 
 
@@ -258,7 +254,9 @@ class ViewRecognizer:
         if n_agree < _LEAST_AGREE or fused is None or _sigma_m(fused[1]) > _MOST_SIGMA_M:
             return None
         mount = self._camera.T_body_camera
-        moves = gtsam.Pose3(mount).AdjointMap()
+        moves = np.zeros((6, 6))  # how turn and shift of the camera turn and shift the body
+        moves[:3, :3] = moves[3:, 3:] = mount[:3, :3]
+        moves[3:, :3] = _skew(mount[None, :3, 3])[0] @ mount[:3, :3]
         return Recognition(fused[0] @ np.linalg.inv(mount), moves @ fused[1] @ moves.T, n_agree)
 
     def _features(self, image: Image) -> _Features:
@@ -333,8 +331,9 @@ class ViewRecognizer:
     ) -> tuple[FloatArray, FloatArray, int]:
         """Fit the camera's pose to all that agrees; return it, its covariance (6, 6), and how many near ones do."""
         pixel = 1.0 / self._focal_px
+        homogeneous = np.column_stack([points, ~is_far])
         camera, errors = resect(
-            first, points, is_far, rays,
+            first, homogeneous, rays,
             angle_sigma=self._config.pixel_sigma * pixel, turn_sigma=_ANY_RAD, shift_sigma=_ANY_M,
         )  # fmt: skip
         agree = errors < _GATE_PX * pixel
@@ -343,7 +342,7 @@ class ViewRecognizer:
             return camera, np.eye(6), n_agree
         spread = float(np.sqrt(0.5 * np.mean(errors[agree] ** 2)))
         angle_sigma = self._config.landmark_pixel_factor * max(self._config.pixel_sigma * pixel, spread)
-        information = resection_information(camera, points[agree], is_far[agree], angle_sigma)
+        information = resection_information(camera, homogeneous[agree], angle_sigma)
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         moved_m = float(np.linalg.norm(camera[:3, 3] - (newest @ self._camera.T_body_camera)[:3, 3]))
         covariance += np.diag(np.repeat([_MAP_TURN_RAD, _MAP_SCALE * moved_m], 3) ** 2)

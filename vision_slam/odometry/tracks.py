@@ -169,35 +169,49 @@ def _spread(peaks: Pixels, taken: Pixels, size: tuple[int, int], n_all: int) -> 
 _LEAST_RAYS = 5
 
 
+_SIGNIFICANT = 2.0  # standard deviations
+_FAR_M = 200.0  # a corner so far away moves by less than 0.6° within a window
+
+
 @dataclass
 class Track:
     """One corner: where the keyframes saw it, and the point that it is.
 
-    ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``;
-    ``point`` (3,) its place in the window's frame, None while unknown; ``is_far`` when no
-    motion so far has moved it, so that only its direction counts; ``has_moved`` when its
-    direction changed by more than its error explains, so that it is not far. ``rest_pixel``
-    is where it was in the last image that moved; ``planes[i]`` (2,) is where ``rays[i]`` meets z = 1.
+    ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``. ``homogeneous`` (4,) is its place
+    in the window's frame times its inverse distance from the newest keyframe, and that inverse distance [1/m], 0 for a direction;
+    None while unknown. ``nearness_sigma`` is the standard deviation of the inverse distance [1/m]. ``rest_pixel``
+    is where it was in the last image that moved.
     """
 
     pixel: FloatArray
     keyframes: list[int] = field(default_factory=list)
     rays: list[FloatArray] = field(default_factory=list)
-    point: FloatArray | None = None
-    is_far: bool = False
-    has_moved: bool = False
+    homogeneous: FloatArray | None = None
+    nearness_sigma: float = np.inf
     rest_pixel: FloatArray = field(init=False)
-    planes: list[FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
         self.rest_pixel = self.pixel
-        self.planes = [ray[:2] / ray[2] for ray in self.rays]
+
+    @property
+    def point(self) -> FloatArray | None:
+        """Place (3,) in the window's frame; None where its distance is not known to be finite."""
+        if self.homogeneous is None or self.homogeneous[3] <= _SIGNIFICANT * self.nearness_sigma:
+            return None
+        place: FloatArray = self.homogeneous[:3] / self.homogeneous[3]
+        return place
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is known to be far away, so that its direction alone counts."""
+        return self.homogeneous is not None and bool(
+            self.homogeneous[3] + _SIGNIFICANT * self.nearness_sigma < 1.0 / _FAR_M
+        )
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""
         self.keyframes.append(keyframe)
         self.rays.append(ray)
-        self.planes.append(ray[:2] / ray[2])
 
 
 def track_corners(

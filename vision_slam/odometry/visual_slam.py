@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
 
 from survey import Camera
-from survey.core import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
@@ -23,7 +22,7 @@ from vision_slam.odometry.tracks import (
     rotation_between,
     track_corners,
 )
-from vision_slam.odometry.window import Window, half_turned
+from vision_slam.odometry.window import Window, half_turned, share_of_turn
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
@@ -171,8 +170,7 @@ class VisualSlam:
 
     def _track(self, before: Image, enhanced: Image, predicted: FloatArray) -> tuple[Pixels, BoolArray]:
         pixels = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
-        points, is_far = self._guessed_points(pixels)
-        guess = self._projected(predicted, points, is_far)
+        guess = self._projected(predicted, self._guessed_points(pixels))
         lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
         guess[lost] = pixels[lost]
         landed, came = track_corners(before, enhanced, pixels, guess, self.config)
@@ -183,28 +181,27 @@ class VisualSlam:
             )
         return landed, came & np.isfinite(self._rays(landed)).all(axis=1)
 
-    def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
-        """Return the points of the tracks; unknown ones are assumed on level ground or far above the horizon."""
+    def _guessed_points(self, pixels: Pixels) -> FloatArray:
+        """Return the points (N, 4) of the tracks; unknown ones are assumed on level ground or far above the horizon."""
         camera = self._pose @ self.camera.T_body_camera
         rays = self._rays(pixels) @ camera[:3, :3].T
         down = -rays @ self._pose[:3, 2]
         mounted = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
         height = mounted if self._ground_height is None else self._ground_height
         is_far = down < 0.02
-        points = np.where(
-            is_far[:, None], rays, camera[:3, 3] + rays * (height / np.maximum(down, 0.02))[:, None]
-        )
+        nearness = np.where(is_far, 0.0, down / height)
+        points = np.column_stack([rays + nearness[:, None] * camera[:3, 3], nearness])
         for index, track in enumerate(self._tracks):
-            if track.point is not None:
-                points[index], is_far[index] = track.point, track.is_far
-        return points, is_far
+            if track.homogeneous is not None and (track.is_far or track.point is not None):
+                points[index] = track.homogeneous
+        return points
 
     def _rays(self, pixels: Pixels) -> FloatArray:
         return self.camera.rays(pixels.astype(np.float64))
 
-    def _projected(self, body: FloatArray, points: FloatArray, is_far: BoolArray) -> Pixels:
+    def _projected(self, body: FloatArray, points: FloatArray) -> Pixels:
         camera = body @ self.camera.T_body_camera
-        seen = np.where(is_far[:, None], points, points - camera[:3, 3]) @ camera[:3, :3]
+        seen = (points[:, :3] - points[:, 3:] * camera[:3, 3]) @ camera[:3, :3]
         return self.camera.project(seen).astype(np.float32)
 
     def _is_standing(self, motion: RelativeMotion, pixels: Pixels, came: BoolArray) -> bool:
@@ -221,7 +218,7 @@ class VisualSlam:
     ) -> tuple[FloatArray, BoolArray]:
         """Estimate the pose by resection; return also which corners are inliers."""
         agree = came.copy()
-        known = np.array([track.point is not None for track in self._tracks], dtype=bool) & came
+        known = np.array([track.homogeneous is not None for track in self._tracks], dtype=bool) & came
         if known.sum() < self.config.least_inliers:
             turned = None if self._has_travelled else self._turned(pixels, came)
             if turned is not None:
@@ -229,19 +226,27 @@ class VisualSlam:
             self._has_travelled = True
             return self._epipolar(predicted, pixels, agree)
         index = np.flatnonzero(known)
-        points = np.array([self._tracks[i].point for i in index])
-        is_far = np.array([self._tracks[i].is_far for i in index])
+        points = np.array([self._tracks[i].homogeneous for i in index])
         has_gyro = self._since is None or self._since.rotation is not None
+        eye = predicted @ self.camera.T_body_camera
+        angle_sigma = self._angle_sigma(index, eye[:3, 3])
         camera, errors = resect(
-            predicted @ self.camera.T_body_camera, points, is_far, self._rays(pixels[index]),
-            angle_sigma=self._noise.sigma_px / self._focal_px,
+            eye, points, self._rays(pixels[index]), angle_sigma=angle_sigma,
             turn_sigma=0.01 if has_gyro else 0.1,
             shift_sigma=0.1 if has_gyro else 1.0,
         )  # fmt: skip
-        agree[index] = errors < self.config.gate_px / self._focal_px
+        errors_px = self._noise.sigma_px * errors / angle_sigma
+        agree[index] = errors_px < self.config.gate_px
         if not self.camera.distortion_is_assumed:  # else the residuals are those of the lens
-            self._noise.update(self._focal_px * errors[agree[index]])
+            self._noise.update(errors_px[agree[index]])
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
+
+    def _angle_sigma(self, index: IntArray, place: FloatArray) -> FloatArray:
+        """Return the error of the directions of tracks (N,) from a place, by their pixels and by their distance [rad]."""
+        moved = float(np.linalg.norm(place - self.window.camera_place()))
+        sigma = np.array([self._tracks[i].nearness_sigma for i in index])
+        error: FloatArray = np.hypot(self._noise.sigma_px / self._focal_px, moved * sigma)
+        return error
 
     def _turned(self, pixels: Pixels, came: BoolArray) -> tuple[FloatArray, BoolArray] | None:
         """Return pose and inliers of a turn on the spot since the keyframe; None where the corners show travel."""
@@ -341,7 +346,7 @@ class VisualSlam:
         return (since, before[:3, :3].T @ newest[:3, :3]) if self._has_travelled else None
 
     def _observe_height(self) -> None:
-        known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
+        known = [point for track in self._tracks if (point := track.point) is not None]
         points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
         travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
         self._slip.observe(points, float(travel))
@@ -369,7 +374,7 @@ def _extrapolated(step: FloatArray, ratio: float) -> FloatArray:
     """Return the motion (4, 4) of a step of constant velocity that takes `ratio` times as long."""
     longer: FloatArray = step.copy()
     if abs(ratio - 1.0) > _SAME_INTERVAL:
-        longer[:3, :3] = gtsam.Rot3.Expmap(ratio * gtsam.Rot3.Logmap(gtsam.Rot3(step[:3, :3]))).matrix()
+        longer[:3, :3] = share_of_turn(step[:3, :3], ratio)
         longer[:3, 3] *= ratio
     return longer
 
