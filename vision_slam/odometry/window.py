@@ -83,7 +83,9 @@ class Window:
         corners = self._corners([tracks[j] for j in seen])
         links = Links(*(np.array(part) for part in zip(*(self._links[k - 1] for k in free), strict=True)))
         poses, corners, sigma = adjusted(poses, self._mount, sights, corners, links)
-        for k, rotation, place in zip(free, poses.rotation[len(held) :], poses.place[len(held) :], strict=True):
+        for k, rotation, place in zip(
+            free, poses.rotation[len(held) :], poses.place[len(held) :], strict=True
+        ):
             self.poses[k] = np.eye(4)
             self.poses[k][:3, :3], self.poses[k][:3, 3] = rotation, place
         points = np.column_stack(
@@ -164,5 +166,7 @@ def half_turned(rotation: FloatArray) -> FloatArray:
 
 def share_of_turn(rotation: FloatArray, share: float) -> FloatArray:
     """Return the rotation (3, 3) about the same axis by a share of the angle."""
-    turned: FloatArray = exp_rotation(*(share * part for part in log_rotation(np.ascontiguousarray(rotation))))
+    turned: FloatArray = exp_rotation(
+        *(share * part for part in log_rotation(np.ascontiguousarray(rotation)))
+    )
     return turned

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917 - compiled functions take no keywords
 """Levenberg-Marquardt over the poses of a window and the corners that they saw, compiled.
 
 A corner j is a unit direction m_j and an inverse distance ρ_j from a fixed origin o, so that a camera at c with the rotation R
@@ -95,7 +96,7 @@ def exp_rotation(x: float, y: float, z: float) -> FloatArray:
 
 
 @njit(cache=True)
-def _product(one: FloatArray, other: FloatArray) -> FloatArray:
+def product(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the product of two matrices (3, 3)."""
     product = np.empty((3, 3))
     for a in range(3):
@@ -125,7 +126,9 @@ def adjusted(
     damping, slip = _DAMPING, _FIRST_SLIP_SIGMAS
     for _ in range(_N_ITERATIONS):
         before = cost = _cost(poses, mount, sights, corners, links, slip)
-        of_poses, right, coupling, inner, inner_right = _linearized(poses, mount, sights, corners, links, slip)
+        of_poses, right, coupling, inner, inner_right = _linearized(
+            poses, mount, sights, corners, links, slip
+        )
         for _ in range(_N_TRIES):
             step, shift = _step(of_poses, right, coupling, inner, inner_right, sights, poses.n_held, damping)
             moved = _moved_poses(poses, step)
@@ -167,12 +170,12 @@ def _begin(poses: Poses, mount: Mount, sights: Sights, corners: Corners) -> None
             continue
         first, above, below = sights.start[j], 0.0, _ANY
         f = sights.frame[first]
-        m0, m1, m2 = _turned(rotation[f], sights.plane[first, 0], sights.plane[first, 1], 1.0)
+        m0, m1, m2 = turned(rotation[f], sights.plane[first, 0], sights.plane[first, 1], 1.0)
         for i in range(first + 1, sights.start[j + 1]):
             k = sights.frame[i]
             u, v = sights.plane[i, 0], sights.plane[i, 1]
-            x, y, z = _turned_back(rotation[k], m0, m1, m2)
-            p, q, r = _turned_back(
+            x, y, z = turned_back(rotation[k], m0, m1, m2)
+            p, q, r = turned_back(
                 rotation[k], place[f, 0] - place[k, 0], place[f, 1] - place[k, 1], place[f, 2] - place[k, 2]
             )
             above -= sights.weight[i] ** 2 * ((x - u * z) * (p - u * r) + (y - v * z) * (q - v * r))
@@ -192,7 +195,7 @@ def _set_direction(direction: FloatArray, j: int, x: float, y: float, z: float) 
 
 
 @njit(cache=True)
-def _turned(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+def turned(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return R (x, y, z)."""
     return (
         rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
@@ -210,7 +213,7 @@ def _cost(poses: Poses, mount: Mount, sights: Sights, corners: Corners, links: L
         for i in range(sights.start[j], sights.start[j + 1]):
             k = sights.frame[i]
             d0, d1, d2 = _toward(corners, j, place[k])
-            x, y, z = _turned_back(rotation[k], d0, d1, d2)
+            x, y, z = turned_back(rotation[k], d0, d1, d2)
             if z > _LEAST_AHEAD:
                 off_x, off_y = x / z - sights.plane[i, 0], y / z - sights.plane[i, 1]
                 square = (off_x * off_x + off_y * off_y) * sights.weight[i] ** 2
@@ -237,7 +240,7 @@ def _toward(corners: Corners, j: int, place: FloatArray) -> tuple[float, float, 
 
 
 @njit(cache=True)
-def _turned_back(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+def turned_back(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return Rᵀ (x, y, z)."""
     return (
         rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
@@ -251,12 +254,12 @@ def _link_errors(poses: Poses, links: Links, n: int) -> FloatArray:
     """Return the normalized errors (6,) of the turn, and of the shift along and aside."""
     k = poses.n_held + n
     before, now, place = poses.rotation[k - 1], poses.rotation[k], poses.place
-    x, y, z = log_rotation(_product(links.turn[n].T, _product(before.T, now)))
-    p, q, r = _turned_back(
+    x, y, z = log_rotation(product(links.turn[n].T, product(before.T, now)))
+    p, q, r = turned_back(
         before, place[k, 0] - place[k - 1, 0], place[k, 1] - place[k - 1, 1], place[k, 2] - place[k - 1, 2]
     )
     shift = links.shift[n]
-    p, q, r = _turned_back(links.ahead[n], p - shift[0], q - shift[1], r - shift[2])
+    p, q, r = turned_back(links.ahead[n], p - shift[0], q - shift[1], r - shift[2])
     error = np.empty(6)
     turn_sigma, along_sigma, aside_sigma = links.sigma[n]
     error[0], error[1], error[2] = x / turn_sigma, y / turn_sigma, z / turn_sigma
@@ -282,7 +285,18 @@ def _linearized(
         for i in range(sights.start[j], sights.start[j + 1]):
             k = sights.frame[i]
             weight = _derivatives(
-                poses.place[k], rotation[k], place[k], sights, corners, j, i, basis, row, error, by_pose, by_corner
+                poses.place[k],
+                rotation[k],
+                place[k],
+                sights,
+                corners,
+                j,
+                i,
+                basis,
+                row,
+                error,
+                by_pose,
+                by_corner,
             )
             if weight == 0.0:
                 continue
@@ -331,7 +345,7 @@ def _derivatives(
     """
     near, origin = corners.nearness[j], corners.origin
     d0, d1, d2 = _toward(corners, j, place)
-    x, y, z = _turned_back(rotation, d0, d1, d2)
+    x, y, z = turned_back(rotation, d0, d1, d2)
     if z <= _LEAST_AHEAD:
         return 0.0
     q0, q1, q2 = _toward(corners, j, body)
@@ -385,7 +399,9 @@ def _add_pose(
 
 
 @njit(cache=True)
-def _hold_at_infinity(sights: Sights, j: int, inner: FloatArray, right: FloatArray, coupling: FloatArray) -> None:
+def _hold_at_infinity(
+    sights: Sights, j: int, inner: FloatArray, right: FloatArray, coupling: FloatArray
+) -> None:
     """Hold a corner at infinity where the observations would put it beyond."""
     inverse = _inverse(inner[j], 0.0)
     if inverse[2, 0] * right[j, 0] + inverse[2, 1] * right[j, 1] + inverse[2, 2] * right[j, 2] >= 0.0:
@@ -399,12 +415,14 @@ def _hold_at_infinity(sights: Sights, j: int, inner: FloatArray, right: FloatArr
 
 
 @njit(cache=True)
-def _add_link(of_poses: FloatArray, right: FloatArray, poses: Poses, links: Links, n: int, slip: float) -> None:
+def _add_link(
+    of_poses: FloatArray, right: FloatArray, poses: Poses, links: Links, n: int, slip: float
+) -> None:
     """Add the errors of one motion, with Cauchy's loss along and aside."""
     k = poses.n_held + n
     error = _link_errors(poses, links, n)
     now, before, place = poses.rotation[k], poses.rotation[k - 1], poses.place
-    ahead = _product(before, links.ahead[n])
+    ahead = product(before, links.ahead[n])
     v0, v1, v2 = place[k, 0] - place[k - 1, 0], place[k, 1] - place[k - 1, 1], place[k, 2] - place[k - 1, 2]
     jacobian = np.zeros((6, 12))  # by the pose before and this one
     for a in range(3):
@@ -463,12 +481,12 @@ def _step(
                     _subtract(reduced, at, to, gain, coupling[other])
     for a in range(len(pull)):
         reduced[a, a] += damping * of_poses[a, a]
-    _solve(reduced, pull)
+    solve_symmetric(reduced, pull)
     return pull, _corner_steps(pull, coupling, inverse, inner_right, sights, n_held)
 
 
 @njit(cache=True)
-def _solve(matrix: FloatArray, right: FloatArray) -> None:
+def solve_symmetric(matrix: FloatArray, right: FloatArray) -> None:
     """Solve symmetric equations in place by the factorization L D Lᵀ of the lower triangle."""
     n = len(right)
     for a in range(n):
@@ -528,7 +546,7 @@ def _corner_steps(
                 for a in range(6):
                     for b in range(3):
                         shift[j, b] -= coupling[i, a, b] * step[at + a]
-        x, y, z = _turned(inverse[j], shift[j, 0], shift[j, 1], shift[j, 2])
+        x, y, z = turned(inverse[j], shift[j, 0], shift[j, 1], shift[j, 2])
         shift[j, 0], shift[j, 1], shift[j, 2] = x, y, z
     return shift
 
@@ -538,7 +556,7 @@ def _moved_poses(poses: Poses, step: FloatArray) -> Poses:
     rotation, place = poses.rotation.copy(), poses.place.copy()
     for k in range(poses.n_held, len(place)):
         at = 6 * (k - poses.n_held)
-        rotation[k] = _product(exp_rotation(step[at], step[at + 1], step[at + 2]), rotation[k])
+        rotation[k] = product(exp_rotation(step[at], step[at + 1], step[at + 2]), rotation[k])
         for a in range(3):
             place[k, a] += step[at + 3 + a]
     return Poses(rotation, place, poses.n_held)
@@ -568,7 +586,18 @@ def _nearness_sigma(poses: Poses, mount: Mount, sights: Sights, corners: Corners
         for i in range(sights.start[j], sights.start[j + 1]):
             k = sights.frame[i]
             weight = _derivatives(
-                poses.place[k], rotation[k], place[k], sights, corners, j, i, basis, row, error, by_pose, by_corner
+                poses.place[k],
+                rotation[k],
+                place[k],
+                sights,
+                corners,
+                j,
+                i,
+                basis,
+                row,
+                error,
+                by_pose,
+                by_corner,
             )
             if weight > 0.0:
                 _add_corner(inner, right, weight, error, by_corner)

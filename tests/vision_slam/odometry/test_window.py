@@ -110,9 +110,7 @@ def _seen_from(camera: Camera, real: list[FloatArray], points: FloatArray, noise
     rays /= rays[:, :, 2:]
     rays[:, :, :2] += noise * rng.standard_normal(rays[:, :, :2].shape)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    return [
-        Track(np.zeros(2), list(range(len(real))), [ray[j] for ray in rays]) for j in range(len(points))
-    ]
+    return [Track(np.zeros(2), list(range(len(real))), [ray[j] for ray in rays]) for j in range(len(points))]
 
 
 def test_facades_above_the_horizon_get_their_distance_and_ridges_are_directions(camera: Camera) -> None:
@@ -158,7 +156,9 @@ def test_a_first_step_of_slipping_wheels_does_not_settle_the_scale(camera: Camer
     assert abs(window.poses[-1][0, 3] - real[-1][0, 3]) < 0.02
 
 
-def test_a_horizon_that_turns_with_the_camera_is_given_up_and_leaves_the_pose_to_wheels_and_gyro(camera: Camera) -> None:
+def test_a_horizon_that_turns_with_the_camera_is_given_up_and_leaves_the_pose_to_wheels_and_gyro(
+    camera: Camera,
+) -> None:
     """Drops on the lens or noise: twenty corners stay where they are in the image while the gyro turns by 170 degrees."""
     window = Window(camera, VisualOdometryConfig())
     window.begin(pose_at(0.0))
