@@ -27,6 +27,8 @@ from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.readers.sequence import VisionRecords
 
+_TRIANGULATED_TOGETHER = 200  # finished tracks: fewer at a time cost more
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VisualOdometry(DataObject):
@@ -157,7 +159,7 @@ class VisualOdometer:
         if slam.keyframe_turn is not None:
             noise = float(np.radians(slam.config.gyro_sigma_deg))
             sensors.learn(*slam.keyframe_turn, noise, has_far_features=slam.holds_heading)
-        self._triangulate_ended(slam.window.newest - slam.config.n_free)
+        self._triangulate_ended(slam.window.newest - slam.config.n_free, _TRIANGULATED_TOGETHER)
 
     def finish(self, records: VisionRecords) -> VisualOdometry:
         """Return the odometry of all images, levelled by the inertial records of the drive."""
@@ -171,12 +173,14 @@ class VisualOdometer:
         found = _corrected(slam, self._landmarks.sightings, self._far_features, records)
         return replace(found, lever_arm_m=self._lever_arm_m, n_repeated=self._n_repeated)
 
-    def _triangulate_ended(self, last_settled: int) -> None:
-        """Triangulate the tracks that ended before the window, whose poses are final."""
+    def _triangulate_ended(self, last_settled: int, least: int = 0) -> None:
+        """Triangulate the tracks that ended before the window, whose poses are final, if at least so many have ended."""
         slam = self.slam
         for index in range(self._n_frames, len(slam.frames)):
             self._frame_of.setdefault(slam.frames[index].keyframe, index)
         self._n_frames = len(slam.frames)
+        if len(slam.finished) < least:
+            return
         ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
         if ended:
             slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]

@@ -158,19 +158,15 @@ def _spread(peaks: Pixels, taken: Pixels, size: tuple[int, int], n_all: int) -> 
     count = np.zeros(_GRID, dtype=int)
     np.add.at(count, tuple((taken * cells).astype(int).T), 1)
     share = int(np.ceil(1.25 * n_all / count.size))
-    is_used = np.zeros(len(peaks), dtype=bool)
-    for index, (across, down) in enumerate((peaks * cells).astype(int).tolist()):
-        if count[across, down] < share:
-            count[across, down] += 1
-            is_used[index] = True
-    return peaks[is_used]
+    across, down = (peaks * cells).astype(int).T
+    cell = _GRID[1] * across + down
+    order = np.argsort(cell, kind="stable")  # strongest first within a cell
+    rank = np.empty(len(peaks), dtype=int)
+    rank[order] = np.arange(len(peaks)) - np.searchsorted(cell[order], cell[order])
+    return peaks[rank < share - count.ravel()[cell]]
 
 
 _LEAST_RAYS = 5
-
-
-_SIGNIFICANT = 2.0  # standard deviations
-_FAR_M = 200.0  # a corner so far away moves by less than 0.6° within a window
 
 
 @dataclass
@@ -179,8 +175,9 @@ class Track:
 
     ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``. ``homogeneous`` (4,) is its place
     in the window's frame times its inverse distance from the newest keyframe, and that inverse distance [1/m], 0 for a direction;
-    None while unknown. ``nearness_sigma`` is the standard deviation of the inverse distance [1/m]. ``rest_pixel``
-    is where it was in the last image that moved.
+    None while unknown. ``nearness_sigma`` is the standard deviation of the inverse distance [1/m]; ``is_near`` where it
+    is significantly above 0, ``is_far`` where it is significantly below that of 200 m, so that the direction alone counts.
+    ``rest_pixel`` is where it was in the last image that moved.
     """
 
     pixel: FloatArray
@@ -188,6 +185,8 @@ class Track:
     rays: list[FloatArray] = field(default_factory=list)
     homogeneous: FloatArray | None = None
     nearness_sigma: float = np.inf
+    is_near: bool = False
+    is_far: bool = False
     rest_pixel: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -196,16 +195,10 @@ class Track:
     @property
     def point(self) -> FloatArray | None:
         """Place (3,) in the window's frame; None where its distance is not known to be finite."""
-        if self.homogeneous is None or self.homogeneous[3] <= _SIGNIFICANT * self.nearness_sigma:
-            return None
-        place: FloatArray = self.homogeneous[:3] / self.homogeneous[3]
-        return place
-
-    @property
-    def is_far(self) -> bool:
-        """Whether it is known to be far away, so that its direction alone counts."""
-        return self.homogeneous is not None and bool(
-            self.homogeneous[3] + _SIGNIFICANT * self.nearness_sigma < 1.0 / _FAR_M
+        return (
+            self.homogeneous[:3] / self.homogeneous[3]
+            if self.is_near and self.homogeneous is not None
+            else None
         )
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:

@@ -29,6 +29,7 @@ _ROLLS_M = 0.02
 # A turn on the spot puts so many of the corners within so many pixels of their places.
 _TURN_PX, _LEAST_TURNED = 1.0, 0.8
 _LEAST_FAR = 10
+_SURE = 1.5
 _FEW_CAME = 0.5  # of the corners; without wheels and gyro the others are then looked for where they were
 _STEEP, _LEAST_BELOW = (
     0.1,
@@ -191,9 +192,8 @@ class VisualSlam:
         is_far = down < 0.02
         nearness = np.where(is_far, 0.0, down / height)
         points = np.column_stack([rays + nearness[:, None] * camera[:3, 3], nearness])
-        for index, track in enumerate(self._tracks):
-            if track.homogeneous is not None and (track.is_far or track.point is not None):
-                points[index] = track.homogeneous
+        known = [index for index, track in enumerate(self._tracks) if track.is_near or track.is_far]
+        points[known] = np.array([self._tracks[index].homogeneous for index in known]).reshape(-1, 4)
         return points
 
     def _rays(self, pixels: Pixels) -> FloatArray:
@@ -235,10 +235,11 @@ class VisualSlam:
             turn_sigma=0.01 if has_gyro else 0.1,
             shift_sigma=0.1 if has_gyro else 1.0,
         )  # fmt: skip
-        errors_px = self._noise.sigma_px * errors / angle_sigma
-        agree[index] = errors_px < self.config.gate_px
+        pixel_sigma = self._noise.sigma_px / self._focal_px
+        agree[index] = errors * pixel_sigma < angle_sigma * self.config.gate_px / self._focal_px
         if not self.camera.distortion_is_assumed:  # else the residuals are those of the lens
-            self._noise.update(errors_px[agree[index]])
+            is_sure = angle_sigma < _SURE * pixel_sigma  # others have residuals of their distance
+            self._noise.update(self._focal_px * errors[agree[index] & is_sure])
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
 
     def _angle_sigma(self, index: IntArray, place: FloatArray) -> FloatArray:
@@ -346,8 +347,8 @@ class VisualSlam:
         return (since, before[:3, :3].T @ newest[:3, :3]) if self._has_travelled else None
 
     def _observe_height(self) -> None:
-        known = [point for track in self._tracks if (point := track.point) is not None]
-        points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
+        known = np.array([track.homogeneous for track in self._tracks if track.is_near]).reshape(-1, 4)
+        points = (known[:, :3] / known[:, 3:] - self._pose[:3, 3]) @ self._pose[:3, :3]
         travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
         self._slip.observe(points, float(travel))
         below = -points[-points[:, 2] > _STEEP * np.linalg.norm(points, axis=1), 2]

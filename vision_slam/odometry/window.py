@@ -4,8 +4,6 @@
 the least squares are those of `vision_slam.odometry.window_adjustment`.
 """
 
-from itertools import chain
-
 import numpy as np
 
 from survey import Camera
@@ -25,6 +23,8 @@ from vision_slam.odometry.window_adjustment import (
 )
 
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
+_SIGNIFICANT = 2.0  # standard deviations
+_FAR_M = 200.0  # a corner so far away moves by less than 0.6° within a window
 
 
 class Window:
@@ -91,8 +91,13 @@ class Window:
         points = np.column_stack(
             [corners.direction + corners.nearness[:, None] * corners.origin, corners.nearness]
         )
-        for j, point, error in zip(seen, points, sigma.tolist(), strict=True):
-            tracks[j].homogeneous, tracks[j].nearness_sigma = point, error
+        is_near = corners.nearness > _SIGNIFICANT * sigma
+        is_far = corners.nearness + _SIGNIFICANT * sigma < 1.0 / _FAR_M
+        found = zip(seen, points, sigma.tolist(), is_near.tolist(), is_far.tolist(), strict=True)
+        for j, point, *kept in found:
+            track = tracks[j]
+            track.homogeneous = point
+            track.nearness_sigma, track.is_near, track.is_far = kept
         return self._agree(tracks, seen, points)
 
     def _split(self) -> tuple[list[int], list[int]]:
@@ -105,20 +110,19 @@ class Window:
 
     def _sights(self, tracks: list[Track], numbers: list[int]) -> tuple[Sights, list[int]]:
         """Return the observations of corners that two keyframes of the window saw, and which tracks these are."""
-        index = {number: frame for frame, number in enumerate(numbers)}
-        frames, rays, counts, seen = [], [], [], []
-        for j, track in enumerate(tracks):
-            inside = [i for i, k in enumerate(track.keyframes) if k in index]
-            if len(inside) > 1:
-                seen.append(j)
-                counts.append(len(inside))
-                frames.append([index[track.keyframes[i]] for i in inside])
-                rays += [track.rays[i] for i in inside]
-        ray = np.array(rays).reshape(-1, 3)
+        # Corners are seen from one keyframe on in all of them, until they are lost.
+        first = np.searchsorted(numbers, [track.keyframes[0] for track in tracks])
+        seen = np.flatnonzero(first < len(numbers) - 1).tolist()
+        rays: list[FloatArray] = []
+        for j in seen:
+            track = tracks[j]
+            rays += [track.rays[k - track.keyframes[0]] for k in numbers[first[j] :]]
+        ray = np.concatenate(rays).reshape(-1, 3) if rays else np.zeros((0, 3))
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
         weight = ray[:, 2] ** 1.5 * self._focal_px / self.pixel_sigma
-        start = np.r_[0, np.cumsum(counts, dtype=np.int64)]
-        frame = np.fromiter(chain.from_iterable(frames), np.int64)
+        counts = len(numbers) - first[seen]
+        start = np.r_[0, np.cumsum(counts)]
+        frame = np.arange(start[-1]) - np.repeat(start[1:], counts) + len(numbers)
         return Sights(start, frame, ray[:, :2] / ray[:, 2:], weight), seen
 
     def _corners(self, tracks: list[Track]) -> Corners:
