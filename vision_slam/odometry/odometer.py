@@ -27,7 +27,7 @@ from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.readers.sequence import VisionRecords
 
-_TRIANGULATED_TOGETHER = 200  # finished tracks: fewer at a time cost more
+_TRIANGULATED_TOGETHER = 400  # finished tracks: fewer at a time cost more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -173,16 +173,14 @@ class VisualOdometer:
         found = _corrected(slam, self._landmarks.sightings, self._far_features, records)
         return replace(found, lever_arm_m=self._lever_arm_m, n_repeated=self._n_repeated)
 
-    def _triangulate_ended(self, last_settled: int, least: int = 0) -> None:
+    def _triangulate_ended(self, last_settled: int, least: int = 1) -> None:
         """Triangulate the tracks that ended before the window, whose poses are final, if at least so many have ended."""
         slam = self.slam
         for index in range(self._n_frames, len(slam.frames)):
             self._frame_of.setdefault(slam.frames[index].keyframe, index)
         self._n_frames = len(slam.frames)
-        if len(slam.finished) < least:
-            return
         ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
-        if ended:
+        if len(ended) >= least:
             slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
             self._landmarks.pixel_sigma = slam.window.pixel_sigma
             self._landmarks.add(ended, slam.window.poses, self._frame_of)

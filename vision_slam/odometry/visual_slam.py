@@ -13,9 +13,9 @@ from vision_slam.odometry.health import FrameHealth, VisionHysteresis, WheelSlip
 from vision_slam.odometry.resection import PixelNoise, ViewRecognizer, resect
 from vision_slam.odometry.tracks import (
     ContrastEnhancer,
+    CornerDetector,
     Pixels,
     Track,
-    detect,
     epipolar_motion,
     grey_of,
     quadrant_shift_px,
@@ -77,6 +77,7 @@ class VisualSlam:
         """Motion by wheels and gyro, and turn (3, 3) estimated with images, to a keyframe that the last image became."""
         self._tracks: list[Track] = []
         self._enhance = ContrastEnhancer(self.config.clahe_clip, self.config.clahe_tiles)
+        self._detect = CornerDetector(self.config)
         self._slip = WheelSlipDetector(camera.T_body_camera[2, 3])
         self._ground_height = ground_height
         self._image: Image | None = None
@@ -360,7 +361,7 @@ class VisualSlam:
         if n_missing < 0.1 * self.config.n_features or health.entropy_bits < self.config.least_entropy_bits:
             return
         taken = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
-        fresh = detect(enhanced, taken, n_missing, self.config)
+        fresh = self._detect(enhanced, taken, n_missing)
         for pixel, ray in zip(fresh, self._rays(fresh), strict=True):
             if ray[2] > 0.2:
                 self._tracks.append(Track(pixel, [self.window.newest], [ray]))
