@@ -44,7 +44,7 @@ class LandmarkTriangulator:
         self._frame: list[int] = []
         self._offset: list[FloatArray] = []
         self._covariance: list[FloatArray] = []
-        self._range_m: list[float] = []
+        self._range_m: list[FloatArray] = []
 
     def add(self, tracks: list[Track], poses: list[FloatArray], frame_of: dict[int, int]) -> None:
         """Triangulate tracks; `frame_of` gives the first frame of each keyframe."""
@@ -53,18 +53,15 @@ class LandmarkTriangulator:
             return
         points, information, error, is_good = intersected(*self._sights(near, poses))
         is_good &= error <= _GREATEST_ERROR_PX / self._focal_px
-        for index in np.flatnonzero(is_good).tolist():
-            first, last = (poses[near[index].keyframes[end]] for end in (0, -1))
-            range_m = float(np.linalg.norm(points[index] - first[:3, 3]))
-            if range_m > _GREATEST_RANGE_M:
-                continue
-            arm = last[:3, :3].T @ (points[index] - last[:3, 3])
-            self._frame.append(frame_of[near[index].keyframes[-1]])
-            self._offset.append(arm)
-            self._covariance.append(
-                self._own(information[index], last[:3, :3]) + _of_poses(arm, self._config)
-            )
-            self._range_m.append(range_m)
+        ends = np.array([[poses[track.keyframes[end]] for end in (0, -1)] for track in near])
+        range_m = np.linalg.norm(points - ends[:, 0, :3, 3], axis=1)
+        chosen = np.flatnonzero(is_good & (range_m <= _GREATEST_RANGE_M))
+        turn, place = ends[chosen, 1, :3, :3], ends[chosen, 1, :3, 3]
+        arm = np.einsum("nji,nj->ni", turn, points[chosen] - place)
+        self._frame += [frame_of[near[index].keyframes[-1]] for index in chosen.tolist()]
+        self._offset.append(arm)
+        self._covariance.append(self._own(information[chosen], turn) + _of_poses(arm, self._config))
+        self._range_m.append(range_m[chosen])
 
     def _sights(
         self, tracks: list[Track], poses: list[FloatArray]
@@ -81,9 +78,9 @@ class LandmarkTriangulator:
         return rays, places, there
 
     def _own(self, information: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return the covariance (3, 3) that pixels alone give, in the body frame [m²]."""
+        """Return the covariances (N, 3, 3) that pixels alone give, in the body frame [m²]."""
         sigma = self._config.landmark_pixel_factor * self.pixel_sigma / self._focal_px
-        own: FloatArray = sigma**2 * (turn.T @ np.linalg.inv(information) @ turn)
+        own: FloatArray = sigma**2 * (turn.transpose(0, 2, 1) @ np.linalg.inv(information) @ turn)
         return own
 
     @property
@@ -91,15 +88,16 @@ class LandmarkTriangulator:
         """All of them."""
         return Sightings(
             np.array(self._frame, dtype=np.int64),
-            np.array(self._offset).reshape(-1, 3),
-            np.array(self._covariance).reshape(-1, 3, 3),
-            np.array(self._range_m),
+            np.concatenate([np.zeros((0, 3)), *self._offset]),
+            np.concatenate([np.zeros((0, 3, 3)), *self._covariance]),
+            np.concatenate([np.zeros(0), *self._range_m]),
         )
 
 
 def _of_poses(arm: FloatArray, config: VisualOdometryConfig) -> FloatArray:
-    along = np.outer(arm, arm)
-    across = (arm @ arm) * np.eye(3) - along
+    """Return the covariances (N, 3, 3) of arms (N, 3) by the errors of the poses [m²]."""
+    along = arm[:, :, None] * arm[:, None, :]
+    across = (arm**2).sum(axis=1)[:, None, None] * np.eye(3) - along
     spread: FloatArray = (
         np.radians(config.landmark_attitude_deg) ** 2 * across + config.landmark_scale_sigma**2 * along
     )
