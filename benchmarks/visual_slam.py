@@ -266,4 +266,4 @@ def _real_camera() -> Row:
 
 if __name__ == "__main__":
     cv2.setNumThreads(1)
-    main("Visual SLAM", measure, packages=("numpy", "scipy", "gtsam", "opencv-python-headless"))
+    main("Visual SLAM", measure, packages=("numpy", "scipy", "opencv-python-headless"))

@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
-import gtsam
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
 
 from survey import Camera
 from survey.core import BoolArray, FloatArray, IntArray
@@ -266,8 +266,7 @@ def _moved_geometry(state: Geometry, equations: _Equations, damping: float) -> G
     pull = equations.pose_point.T @ step[:-3] + equations.lens_point.T @ step[-3:]
     shift = np.einsum("jik,jk->ji", inverse, equations.g_points - pull.reshape(-1, 3))
     poses, moves = state.poses.copy(), step[:-3].reshape(-1, 6)
-    turns = np.array([gtsam.Rot3.Expmap(turn).matrix() for turn in moves[:, :3]])
-    poses[:, :3, :3] = poses[:, :3, :3] @ turns
+    poses[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(moves[:, :3]).as_matrix()
     poses[:, :3, 3] += moves[:, 3:]
     lens = LensChange(*np.clip(np.array(state.lens) + step[-3:], -_EXTREME, _EXTREME).tolist())
     return Geometry(poses, state.points + shift, lens)
