@@ -28,6 +28,7 @@ from vision_slam.odometry.tracks import EndedTrack, Track
 
 _LEAST_DEPTH = 1e-3
 _OUTLYING = 2.5  # standard deviations, of Cauchy's loss
+_MEDIAN_SQUARE = 2.0 * np.log(2.0)  # of two errors of standard deviation 1
 _BEHIND = 1e4  # squared error of a point behind the camera
 _HELD_INFORMATION = 1e10  # of the first pose, of the unit of length, and of what the prior excludes
 _SMALLEST = 1e-9
@@ -228,6 +229,10 @@ class GlobalAdjustment:
         worse = still_costs < costs
         points = np.where(worse[:, None], before.points, trial.points)
         return trial._replace(points=points), np.minimum(costs, still_costs)
+
+    def pixel_error(self, state: Geometry) -> float:
+        """Return the standard deviation of a pixel by the median of the residuals [pixels]."""
+        return float(self._sigma * np.sqrt(np.median(self._squares(state)) / _MEDIAN_SQUARE))
 
     def costs(self, state: Geometry) -> FloatArray:
         """Return the robust cost of each track (J,)."""
@@ -546,8 +551,10 @@ def adjusted_path(
     if len(drive.points) < _LEAST_TRACKS:
         return None
     factors = MotionFactors.of(poses, motions, config)
-    adjustment = GlobalAdjustment(camera, drive.seen, config.pixel_sigma, np.zeros(3), factors)
-    return AdjustedPath.of(adjustment, adjustment.solve(drive.geometry(UNCHANGED)).geometry, camera)
+    first = GlobalAdjustment(camera, drive.seen, config.pixel_sigma, np.zeros(3), factors)
+    start = first.solve(drive.geometry(UNCHANGED)).geometry
+    adjustment = GlobalAdjustment(camera, drive.seen, first.pixel_error(start), np.zeros(3), factors)
+    return AdjustedPath.of(adjustment, adjustment.solve(start).geometry, camera)
 
 
 def _skew(vectors: FloatArray) -> FloatArray:

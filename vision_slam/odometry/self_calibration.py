@@ -91,14 +91,18 @@ def estimate_lens(
         return unknown_lens(camera, poses, f"{len(drive.points)} corners have a known depth"), None
     factors, start = MotionFactors.of(poses, motions, config), drive.geometry(used)
 
+    first = GlobalAdjustment(camera, drive.seen, config.pixel_sigma, _CALIBRATED, factors)
+    near = first.solve(start).geometry
+    pixel_sigma = first.pixel_error(near)
+
     def adjustment(seen: TrackPixels, prior: FloatArray) -> GlobalAdjustment:
-        return GlobalAdjustment(camera, seen, config.pixel_sigma, prior, factors)
+        return GlobalAdjustment(camera, seen, pixel_sigma, prior, factors)
 
     if abs(used.log_focal) > _LEAST_FOCAL:
-        prior, adjusted = _ANY_LENS, adjustment(drive.seen, _ANY_LENS).solve(start)
+        prior, adjusted = _ANY_LENS, adjustment(drive.seen, _ANY_LENS).solve(near)
     else:
-        near = adjustment(drive.seen, _CALIBRATED).solve(start)
-        prior, adjusted = _with_focal_length(near, adjustment(drive.seen, _ANY_LENS))
+        calibrated = adjustment(drive.seen, _CALIBRATED).solve(near)
+        prior, adjusted = _with_focal_length(calibrated, adjustment(drive.seen, _ANY_LENS))
     final = adjustment(drive.seen, prior)
     path = AdjustedPath.of(final, adjusted.geometry, camera)
     if turned_deg < _LEAST_TURN_DEG:
