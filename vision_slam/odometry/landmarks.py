@@ -5,6 +5,7 @@ drift from the bearings of ridges over many keyframes: it needs the complete dri
 over more than 12 m.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from survey import Camera
 from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.sensors.odometry import Sightings
 from vision_slam.config import VisualOdometryConfig
-from vision_slam.odometry.tracks import Track
+from vision_slam.odometry.tracks import EndedTrack, Track
 
 _LEAST_LANDMARK_SIGHTS = 4
 _GREATEST_RANGE_M = 60.0
@@ -46,8 +47,8 @@ class LandmarkTriangulator:
         self._covariance: list[FloatArray] = []
         self._range_m: list[FloatArray] = []
 
-    def add(self, tracks: list[Track], poses: list[FloatArray], frame_of: dict[int, int]) -> None:
-        """Triangulate tracks; `frame_of` gives the first frame of each keyframe."""
+    def add(self, tracks: Sequence[Track | EndedTrack], poses: FloatArray, frame_of: IntArray) -> None:
+        """Triangulate tracks under poses (K, 4, 4); `frame_of` (K,) is the first frame of each keyframe."""
         near = [track for track in tracks if not track.is_far and len(track.rays) >= _LEAST_LANDMARK_SIGHTS]
         if not near:
             return
@@ -58,21 +59,21 @@ class LandmarkTriangulator:
         chosen = np.flatnonzero(is_good & (range_m <= _GREATEST_RANGE_M))
         turn, place = ends[chosen, 1, :3, :3], ends[chosen, 1, :3, 3]
         arm = np.einsum("nji,nj->ni", turn, points[chosen] - place)
-        self._frame += [frame_of[near[index].keyframes[-1]] for index in chosen.tolist()]
+        self._frame += [int(frame_of[near[index].keyframes[-1]]) for index in chosen.tolist()]
         self._offset.append(arm)
         self._covariance.append(self._own(information[chosen], turn) + _of_poses(arm, self._config))
         self._range_m.append(range_m[chosen])
 
     def _sights(
-        self, tracks: list[Track], poses: list[FloatArray]
+        self, tracks: Sequence[Track | EndedTrack], poses: FloatArray
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return the rays (T, N, 3) of tracks in the window's frame, where they begin, and which there are."""
         shape = len(tracks), max(len(track.rays) for track in tracks)
         rays, places, there = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=np.bool_)
         rays[..., 2] = 1.0
-        eyes = {k: poses[k] @ self._T_body_camera for k in {k for track in tracks for k in track.keyframes}}
+        eyes = poses @ self._T_body_camera
         for row, track in enumerate(tracks):
-            eye = np.array([eyes[k] for k in track.keyframes])
+            eye = eyes[track.keyframes]
             rays[row, : len(eye)] = np.einsum("nij,nj->ni", eye[:, :3, :3], np.array(track.rays))
             places[row, : len(eye)], there[row, : len(eye)] = eye[:, :3, 3], True
         return rays, places, there
@@ -199,7 +200,7 @@ class FarFeatures:
         self._pixel_rad = 2.0 / float(camera.matrix[0, 0] + camera.matrix[1, 1])
         self._sights: list[tuple[IntArray, FloatArray]] = []
 
-    def add(self, tracks: list[Track]) -> None:
+    def add(self, tracks: Sequence[Track | EndedTrack]) -> None:
         """Add the observations of finished tracks that were far and long."""
         for track in tracks:
             if not track.is_far or track.keyframes[-1] - track.keyframes[0] < _LEAST_SPAN:

@@ -73,6 +73,7 @@ class VisualSlam:
         self.frames: list[FramePose] = []
         self.finished: list[Track] = []
         self.rolled_m: list[float] = []
+        self.motions: list[RelativeMotion] = []
         self.keyframe_turn: tuple[RelativeMotion, FloatArray] | None = None
         """Motion by wheels and gyro, and turn (3, 3) estimated with images, to a keyframe that the last image became."""
         self._tracks: list[Track] = []
@@ -327,6 +328,7 @@ class VisualSlam:
             seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
             travel_m = self._slip.travel_m(rolled, seen if health.is_visual else None)
             since = replace(since, travel_m=travel_m)
+        self.motions.append(since)
         self.window.add(self._pose, since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)

@@ -296,7 +296,13 @@ def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSeque
         raise InputError(
             f"the reference is {travel[-1]:.1f} m long; its first {distance_m:g} m cannot give the scale."
         )
-    odometer = Wheels(sequence.reference_time_s[:n], travel[:n], travel[:n])
+    ahead = np.einsum(
+        "nij,ni->nj", sequence.reference[:-1, :3, :3], np.diff(sequence.reference[:, :3, 3], axis=0)
+    )
+    rolled = np.r_[0.0, np.cumsum(np.copysign(steps, ahead[:, 0]))][
+        :n
+    ]  # wheels count back where a body reverses
+    odometer = Wheels(sequence.reference_time_s[:n], rolled, rolled)
     return replace(sequence, wheels=odometer)
 
 
