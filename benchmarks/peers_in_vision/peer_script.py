@@ -1,0 +1,112 @@
+"""Runs ORB-SLAM3 or COLMAP over a folder of images: ``PYTHON peer_script.py {orbslam3,colmap} FOLDER OUT``.
+
+Run by the Python that has them, which needs NumPy alone beside them. FOLDER holds ``images/``, ``frames.npy``,
+``drive.json`` with times and calibration, and ``vocabulary.txt``. OUT gets the indices of the images with a pose, camera
+to world as 4 × 4 matrices, and the CPU seconds of all threads.
+"""
+
+import importlib
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+# The settings that ORB-SLAM3 ships for KITTI, monocular.
+SETTINGS = """%YAML:1.0
+File.version: "1.0"
+Camera.type: "PinHole"
+Camera1.fx: {fx}
+Camera1.fy: {fy}
+Camera1.cx: {cx}
+Camera1.cy: {cy}
+Camera1.k1: {k1}
+Camera1.k2: {k2}
+Camera1.p1: {p1}
+Camera1.p2: {p2}
+Camera.width: {width}
+Camera.height: {height}
+Camera.newWidth: {width}
+Camera.newHeight: {height}
+Camera.fps: {fps}
+Camera.RGB: 1
+ORBextractor.nFeatures: 2000
+ORBextractor.scaleFactor: 1.2
+ORBextractor.nLevels: 8
+ORBextractor.iniThFAST: 20
+ORBextractor.minThFAST: 7
+Viewer.KeyFrameSize: 0.1
+Viewer.KeyFrameLineWidth: 1.0
+Viewer.GraphLineWidth: 1.0
+Viewer.PointSize: 2.0
+Viewer.CameraSize: 0.15
+Viewer.CameraLineWidth: 2.0
+Viewer.ViewpointX: 0.0
+Viewer.ViewpointY: -10.0
+Viewer.ViewpointZ: -0.1
+Viewer.ViewpointF: 2000.0
+"""
+MAX_FEATURES = 2000  # of an image; with COLMAP's 8192 the matching of a pair takes 16 times as long
+
+
+def orbslam3(folder, drive):
+    """Feed the images at their times, as the programs that come with ORB-SLAM3 do, and return the saved path."""
+    peer = importlib.import_module("pyorbslam3")
+    times, frames = np.array(drive["time_s"]), np.load(folder / "frames.npy", mmap_mode="r")
+    times = times - times[0] + 1.0
+    settings, saved = folder / "settings.yaml", folder / "saved.txt"
+    settings.write_text(SETTINGS.format(**drive))
+    slam = peer.Slam(str(folder / "vocabulary.txt"), str(settings), peer.Sensor.MONOCULAR)
+    began_cpu_s, began_s = time.process_time(), time.perf_counter()
+    for time_s, frame in zip(times, frames, strict=True):
+        time.sleep(max(0.0, time_s - times[0] - (time.perf_counter() - began_s)))
+        slam.track_monocular(np.array(frame), time_s)
+    slam.shutdown()
+    cpu_s = time.process_time() - began_cpu_s
+    slam.save_trajectory_euroc(str(saved))
+    rows = np.loadtxt(saved, ndmin=2)
+    index = np.abs(times[:, None] - 1e-9 * rows[:, 0]).argmin(axis=0)
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = [matrix(q) for q in rows[:, 4:8]], rows[:, 1:4]
+    return index, poses, cpu_s
+
+
+def matrix(quaternion):
+    """Return the rotation matrix of a quaternion x, y, z, w."""
+    x, y, z, w = quaternion / np.linalg.norm(quaternion)
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * skew + 2.0 * skew @ skew
+
+
+def colmap(folder, drive):
+    """Extract, match each image with its ten neighbours and with farther ones, and map; the lens is refined."""
+    peer = importlib.import_module("pycolmap")
+    database, images = folder / "colmap.db", folder / "images"
+    lens = [drive[name] for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")]
+    reader = peer.ImageReaderOptions(camera_model="OPENCV", camera_params=",".join(map(str, lens)))
+    extraction, mapping = peer.FeatureExtractionOptions(), peer.IncrementalPipelineOptions()
+    matching, verification = peer.FeatureMatchingOptions(), peer.TwoViewGeometryOptions()
+    extraction.sift.max_num_features = MAX_FEATURES
+    extraction.num_threads = matching.num_threads = mapping.num_threads = 1
+    mapping.random_seed = verification.ransac.random_seed = 0
+    began_cpu_s = time.process_time()
+    peer.extract_features(
+        database, images, camera_mode=peer.CameraMode.SINGLE, reader_options=reader, extraction_options=extraction
+    )
+    peer.match_sequential(database, matching_options=matching, verification_options=verification)
+    (folder / "model").mkdir()
+    maps = peer.incremental_mapping(database, images, folder / "model", options=mapping)
+    cpu_s = time.process_time() - began_cpu_s
+    largest = max(maps.values(), key=lambda one: one.num_reg_images())
+    placed = sorted((image for image in largest.images.values() if image.has_pose), key=lambda one: one.name)
+    poses = np.tile(np.eye(4), (len(placed), 1, 1))
+    poses[:, :3] = [image.cam_from_world().inverse().matrix() for image in placed]
+    return np.array([int(Path(image.name).stem) for image in placed]), poses, cpu_s
+
+
+if __name__ == "__main__":
+    program, place, out = sys.argv[1:]
+    given = json.loads((Path(place) / "drive.json").read_text())
+    found = {"orbslam3": orbslam3, "colmap": colmap}[program](Path(place), given)
+    np.savez(out, **dict(zip(("index", "poses", "cpu_s"), found, strict=True)))
