@@ -33,6 +33,7 @@ from vision_slam.readers.sequence import scale_by_reference
 
 OURS, OPENCV, ORB_SLAM3, COLMAP = "firnline", "OpenCV odometry", "ORB-SLAM3", "COLMAP"
 SCALE_FROM_M = 10.0
+_NAMES = {ORB_SLAM3: "orbslam3", COLMAP: "colmap"}
 _PYTHON = os.environ.get("FIRNLINE_PEERS", sys.executable)
 _SCRIPT = Path(__file__).with_name("peer_script.py")
 _HERE = "benchmarks/peers_in_vision"
@@ -40,7 +41,9 @@ _CODE = tuple(
     f"{_HERE}/{name}.py" for name in ("drives", "opencv_odometry", "peer_script", "programs", "vocabulary")
 )
 # ORB-SLAM3 maps in a thread of its own, and no two of its runs are alike: the run with the median error counts.
-_RUNS = {ORB_SLAM3: 3}
+_RUNS_ON_STREETS = {ORB_SLAM3: 3}
+# COLMAP matches images that are farther apart no worse, and takes minutes for those that are close.
+_LEAST_STEP_S = {COLMAP: 0.19}
 _VOCABULARY_EVERY = 6
 _WARM_UP = 12
 
@@ -49,12 +52,14 @@ _WARM_UP = 12
 class FoundPath:
     """Poses of the camera (K, 4, 4) at the images `index` (K,), and the CPU time of all images [s].
 
-    `nees_2d`: mean normalised squared error, 2 for true covariances; NaN where none are stated. `failed`: why there is no path.
+    `n_given`: number of images that the program got. `nees_2d`: mean normalised squared error, 2 for true covariances; NaN
+    where none are stated. `failed`: why there is no path.
     """
 
     index: IntArray
     poses: FloatArray
     cpu_s: float
+    n_given: int
     nees_2d: float = float("nan")
     failed: str = ""
 
@@ -62,17 +67,11 @@ class FoundPath:
     def of(cls, facts: dict[str, Any]) -> "FoundPath":
         """Return what was stored."""
         index, poses = np.array(facts["index"], dtype=np.int64), np.array(facts["poses"]).reshape(-1, 4, 4)
-        return cls(index, poses, facts["cpu_s"], facts["nees_2d"], facts["failed"])
+        return cls(**{**facts, "index": index, "poses": poses})
 
     def facts(self) -> dict[str, Any]:
         """Return the fields as they are stored."""
-        return {
-            "index": self.index.tolist(),
-            "poses": self.poses.reshape(-1, 16).tolist(),
-            "cpu_s": self.cpu_s,
-            "nees_2d": self.nees_2d,
-            "failed": self.failed,
-        }
+        return {**vars(self), "index": self.index.tolist(), "poses": self.poses.reshape(-1, 16).tolist()}
 
 
 def found_paths(drive: PeerDrive, program: str) -> list[FoundPath]:
@@ -81,9 +80,11 @@ def found_paths(drive: PeerDrive, program: str) -> list[FoundPath]:
     folder = Path(tempfile.gettempdir()) / "firnline-peers-in-vision" / code_digest(code)
     return [
         FoundPath.of(
-            stored(folder / f"{drive.name}-{program}-{k}.json".replace(" ", "_"), partial(_facts, drive, program))
+            stored(
+                folder / f"{drive.name}-{program}-{k}.json".replace(" ", "_"), partial(_facts, drive, program)
+            )
         )
-        for k in range(_RUNS.get(program, 1))
+        for k in range(1 if drive.is_snow else _RUNS_ON_STREETS.get(program, 1))
     ]
 
 
@@ -95,12 +96,14 @@ def _ours(drive: PeerDrive) -> FoundPath:
     """Run our localization of images alone, with the scale of the reference's first metres."""
     sequence = replace(drive.sequence, frames=Frames(drive.time_s, drive.images))
     first = Frames(drive.time_s[:_WARM_UP], drive.images)
-    localize_images(replace(sequence, frames=first, reference=None, reference_time_s=None))  # loads compiled loops
+    localize_images(
+        replace(sequence, frames=first, reference=None, reference_time_s=None)
+    )  # loads compiled loops
     scaled = scale_by_reference(sequence, SCALE_FROM_M)
     try:
         estimate, cpu_s = cpu_seconds(lambda: localize_images(scaled))
     except FirnlineError as refusal:
-        return _failure(str(refusal))
+        return _failure(str(refusal), len(drive.time_s))
     poses = np.tile(np.eye(4), (len(estimate.time_s), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(estimate.quaternion).as_matrix()
     poses[:, :3, 3] = estimate.position
@@ -111,9 +114,8 @@ def _ours(drive: PeerDrive) -> FoundPath:
     index = np.abs(drive.time_s[:, None] - estimate.time_s).argmin(axis=0)
     is_followed = np.ones(len(index), dtype=bool) if estimate.is_lost is None else ~estimate.is_lost
     cameras = poses @ np.linalg.inv(tracked) @ sequence.camera.T_body_camera
-    return FoundPath(
-        index[is_followed], cameras[is_followed], cpu_s, compared.figures["nees_2d"]
-    )
+    nees_2d = compared.figures["nees_2d"]
+    return FoundPath(index[is_followed], cameras[is_followed], cpu_s, len(drive.time_s), nees_2d)
 
 
 def _opencv(drive: PeerDrive) -> FoundPath:
@@ -122,38 +124,48 @@ def _opencv(drive: PeerDrive) -> FoundPath:
     odometry = OpenCvOdometry(drive.sequence.camera)
     poses, cpu_s = cpu_seconds(lambda: [odometry.add(image) for image in drive.images])
     index = np.array([k for k, pose in enumerate(poses) if pose is not None])
-    return FoundPath(index, np.array([poses[k] for k in index]), cpu_s)
+    return FoundPath(index, np.array([poses[k] for k in index]), cpu_s, len(poses))
 
 
 def _by_script(program: str, drive: PeerDrive) -> FoundPath:
     """Run a peer in its Python; return its last line where it fails."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        _write_drive(folder, drive)
-        command = [_PYTHON, str(_SCRIPT), program, place, str(folder / "found.npz")]
+        n_given = _write_drive(folder, drive, _LEAST_STEP_S.get(program, 0.0))
+        command = [_PYTHON, str(_SCRIPT), _NAMES[program], place, str(folder / "found.npz")]
         done = subprocess.run(command, check=False, capture_output=True, text=True, errors="replace")
         if done.returncode:
             said = [line for line in done.stderr.splitlines() if line.strip()]
-            return _failure(said[-1] if said else f"ended with code {done.returncode}")
+            return _failure(said[-1] if said else f"ended with code {done.returncode}", n_given)
         with np.load(folder / "found.npz") as found:
-            return FoundPath(found["index"], found["poses"], float(found["cpu_s"]))
+            return FoundPath(found["index"], found["poses"], float(found["cpu_s"]), n_given)
 
 
-def _write_drive(folder: Path, drive: PeerDrive) -> None:
-    """Write images, calibration, times and vocabulary as the script reads them."""
+def _write_drive(folder: Path, drive: PeerDrive, least_step_s: float) -> int:
+    """Write images, calibration and vocabulary as the script reads them; return how many images are so far apart."""
     (folder / "images").mkdir()
-    for k, image in enumerate(drive.images):
-        cv2.imwrite(str(folder / "images" / f"{k:06d}.png"), image)
+    slot = np.floor((drive.time_s - drive.time_s[0]) / max(least_step_s, 1e-9))
+    chosen = (
+        np.unique(slot, return_index=True)[1].tolist() if least_step_s else list(range(len(drive.time_s)))
+    )
+    for k in chosen:
+        cv2.imwrite(str(folder / "images" / f"{k:06d}.png"), drive.images[k])
     np.save(folder / "frames.npy", np.array(drive.images))
     camera = drive.sequence.camera
     k1, k2, p1, p2, _ = camera.distortion.tolist()
     facts = {
-        **{"fx": camera.matrix[0, 0], "fy": camera.matrix[1, 1], "cx": camera.matrix[0, 2], "cy": camera.matrix[1, 2]},
+        **{
+            "fx": camera.matrix[0, 0],
+            "fy": camera.matrix[1, 1],
+            "cx": camera.matrix[0, 2],
+            "cy": camera.matrix[1, 2],
+        },
         **{"k1": k1, "k2": k2, "p1": p1, "p2": p2, "width": camera.width, "height": camera.height},
         **{"fps": round(1.0 / float(np.median(np.diff(drive.time_s)))), "time_s": drive.time_s.tolist()},
     }
     (folder / "drive.json").write_text(json.dumps(facts), encoding="utf-8")
     (folder / "vocabulary.txt").symlink_to(_vocabulary())
+    return len(chosen)
 
 
 @cache
@@ -168,13 +180,14 @@ def _vocabulary() -> Path:
     return file
 
 
-def _failure(message: str) -> FoundPath:
-    return FoundPath(np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), float("nan"), failed=message)
+def _failure(message: str, n_given: int) -> FoundPath:
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4))
+    return FoundPath(*none, float("nan"), n_given, failed=message)
 
 
 PROGRAMS: dict[str, Callable[[PeerDrive], FoundPath]] = {
     OURS: _ours,
     OPENCV: _opencv,
-    ORB_SLAM3: partial(_by_script, "orbslam3"),
-    COLMAP: partial(_by_script, "colmap"),
+    ORB_SLAM3: partial(_by_script, ORB_SLAM3),
+    COLMAP: partial(_by_script, COLMAP),
 }

@@ -51,7 +51,9 @@ def _split(
 def _clusters(bits: Bits) -> tuple[npt.NDArray[np.int_], Bits]:
     """Return the cluster of each descriptor and the centres, the majority of each bit; empty clusters are left out."""
     distinct = np.unique(bits, axis=0)
-    first = stream(0, "vocabulary", len(bits)).choice(len(distinct), min(BRANCHES, len(distinct)), replace=False)
+    first = stream(0, "vocabulary", len(bits)).choice(
+        len(distinct), min(BRANCHES, len(distinct)), replace=False
+    )
     centres = distinct[first]
     for _ in range(_N_ROUNDS):
         # The Hamming distance is |a| + |b| - 2 a·b; |a| is the same for all centres.
