@@ -5,7 +5,6 @@ Run by the Python that has them, which needs NumPy alone beside them. FOLDER hol
 to world as 4 × 4 matrices, and the CPU seconds of all threads.
 """
 
-import glob
 import importlib
 import json
 import sys
@@ -79,14 +78,14 @@ def wait_until_idle():
     looks, me = 0, f"/{threading.get_native_id()}/"
     while looks < 8:
         time.sleep(0.002)
-        states = [read(file) for file in glob.glob("/proc/self/task/*/stat") if me not in file]
+        states = [read(file) for file in Path("/proc/self/task").glob("*/stat") if me not in str(file)]
         looks = 0 if any(") R " in state for state in states) else looks + 1
 
 
 def read(file):
     """Return the text of a file, nothing where its thread has ended."""
     try:
-        return Path(file).read_text()
+        return file.read_text()
     except (FileNotFoundError, ProcessLookupError):
         return ""
 

@@ -32,7 +32,7 @@ from vision_slam.pipeline import localize_images
 from vision_slam.readers.sequence import scale_by_reference
 
 OURS, OPENCV, ORB_SLAM3, COLMAP = "firnline", "OpenCV odometry", "ORB-SLAM3", "COLMAP"
-SCALE_FROM_M = 10.0
+_SCALE_FROM_M = 10.0
 _NAMES = {ORB_SLAM3: "orbslam3", COLMAP: "colmap"}
 _PYTHON = os.environ.get("FIRNLINE_PEERS", sys.executable)
 _SCRIPT = Path(__file__).with_name("peer_script.py")
@@ -42,8 +42,8 @@ _CODE = tuple(
 )
 # ORB-SLAM3 maps in a thread of its own, and no two of its runs are alike: the run with the median error counts.
 _RUNS_ON_STREETS = {ORB_SLAM3: 3}
-# COLMAP matches images that are farther apart no worse, and takes minutes for those that are close.
-_LEAST_STEP_S = {COLMAP: 0.19}
+# COLMAP takes minutes for images that are closer, and matches these no worse: streets at 10 m/s, snow at 1 m/s [s].
+_COLMAP_STEP_S = {"street": 0.19, "snow": 0.49}
 _VOCABULARY_EVERY = 6
 _WARM_UP = 12
 
@@ -74,6 +74,11 @@ class FoundPath:
         return {**vars(self), "index": self.index.tolist(), "poses": self.poses.reshape(-1, 16).tolist()}
 
 
+def programs_for(drive: PeerDrive) -> list[str]:
+    """Return the programs that run on a drive: COLMAP not where it would get images of the same ground again."""
+    return [name for name in PROGRAMS if name != COLMAP or not drive.is_repeated]
+
+
 def found_paths(drive: PeerDrive, program: str) -> list[FoundPath]:
     """Return what each run of a program found on a drive, stored ones where there are any."""
     code = (*_CODE, "vision_slam") if program == OURS else _CODE
@@ -99,7 +104,7 @@ def _ours(drive: PeerDrive) -> FoundPath:
     localize_images(
         replace(sequence, frames=first, reference=None, reference_time_s=None)
     )  # loads compiled loops
-    scaled = scale_by_reference(sequence, SCALE_FROM_M)
+    scaled = scale_by_reference(sequence, _SCALE_FROM_M)
     try:
         estimate, cpu_s = cpu_seconds(lambda: localize_images(scaled))
     except FirnlineError as refusal:
@@ -129,9 +134,10 @@ def _opencv(drive: PeerDrive) -> FoundPath:
 
 def _by_script(program: str, drive: PeerDrive) -> FoundPath:
     """Run a peer in its Python; return its last line where it fails."""
+    step_s = _COLMAP_STEP_S["snow" if drive.is_snow else "street"] if program == COLMAP else 0.0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        n_given = _write_drive(folder, drive, _LEAST_STEP_S.get(program, 0.0))
+        n_given = _write_drive(folder, drive, step_s)
         command = [_PYTHON, str(_SCRIPT), _NAMES[program], place, str(folder / "found.npz")]
         done = subprocess.run(command, check=False, capture_output=True, text=True, errors="replace")
         if done.returncode:

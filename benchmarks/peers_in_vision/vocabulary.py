@@ -26,26 +26,30 @@ def write_vocabulary(file: Path, images: Iterable[Image]) -> int:
     found = [orb.detectAndCompute(image, None)[1] for image in images]
     described = [one for one in found if one is not None]
     bits = np.unpackbits(np.vstack(described), axis=1).astype(np.float32)
-    source = np.repeat(np.arange(len(described)), [len(one) for one in described])
-    lines = [f"{BRANCHES} {DEPTH} 0 0"]
-    _split(lines, bits, source, len(described), 0, 0)
-    file.write_text("\n".join(lines), encoding="utf-8")
-    return sum(line.split()[1] == "1" for line in lines[1:])
+    tree = _Tree(bits, np.repeat(np.arange(len(described)), [len(one) for one in described]))
+    tree.split(np.arange(len(bits)), parent=0, level=0)
+    file.write_text("\n".join([f"{BRANCHES} {DEPTH} 0 0", *tree.lines]), encoding="utf-8")
+    return sum(line.split()[1] == "1" for line in tree.lines)
 
 
-def _split(
-    lines: list[str], bits: Bits, source: npt.NDArray[np.int_], n_images: int, parent: int, level: int
-) -> None:
-    """Append the nodes below a parent: the clusters of its descriptors (N, 256), each followed by its own."""
-    label, centres = _clusters(bits)
-    for k, centre in enumerate(centres):
-        mine = label == k
-        is_word = level + 1 == DEPTH or mine.sum() <= BRANCHES
-        weight = np.log(n_images / len(np.unique(source[mine]))) if is_word else 0.0
-        packed = " ".join(map(str, np.packbits(centre.astype(np.uint8)).tolist()))
-        lines.append(f"{parent} {int(is_word)} {packed} {weight:.6f}")
-        if not is_word:
-            _split(lines, bits[mine], source[mine], n_images, len(lines) - 1, level + 1)
+class _Tree:
+    """Nodes of the tree over descriptors (N, 256) of the images `source` (N,), as lines of the file."""
+
+    def __init__(self, bits: Bits, source: npt.NDArray[np.int_]) -> None:
+        self.lines: list[str] = []
+        self._bits, self._source, self._n_images = bits, source, int(source.max()) + 1
+
+    def split(self, members: npt.NDArray[np.int_], parent: int, level: int) -> None:
+        """Append the nodes below a parent: the clusters of its descriptors, each followed by its own."""
+        label, centres = _clusters(self._bits[members])
+        for k, centre in enumerate(centres):
+            mine = members[label == k]
+            is_word = level + 1 == DEPTH or len(mine) <= BRANCHES
+            weight = np.log(self._n_images / len(np.unique(self._source[mine]))) if is_word else 0.0
+            packed = " ".join(map(str, np.packbits(centre.astype(np.uint8)).tolist()))
+            self.lines.append(f"{parent} {int(is_word)} {packed} {weight:.6f}")
+            if not is_word:
+                self.split(mine, len(self.lines), level + 1)
 
 
 def _clusters(bits: Bits) -> tuple[npt.NDArray[np.int_], Bits]:
