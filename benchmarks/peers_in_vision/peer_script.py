@@ -74,21 +74,36 @@ def orbslam3(folder, drive):
 
 
 def wait_until_idle():
-    """Wait until no other thread runs or waits for a processor at eight looks in a row; return the CPU time of looking [s]."""
-    looks, me, began_s = 0, f"/{threading.get_native_id()}/", time.thread_time()
-    while looks < 8:
-        time.sleep(0.002)
-        states = [read(file) for file in Path("/proc/self/task").glob("*/stat") if me not in str(file)]
-        looks = 0 if any(") R " in state for state in states) else looks + 1
+    """Wait, at most 2 s, until no other thread computes or waits for a processor; return the CPU time of looking [s].
+
+    Idle threads wake for microseconds every few milliseconds.
+    """
+    began_s, until_s = time.thread_time(), time.perf_counter() + 2.0
+    before = looked_at()
+    while time.perf_counter() < until_s:
+        looks = [before]
+        for _ in range(3):
+            time.sleep(0.008)
+            looks.append(looked_at())
+        last, before = looks[-1], looks[-1]
+        ran = [last[thread][0] - looks[0].get(thread, (0,))[0] for thread in last]
+        waits = [all(thread in look and look[thread][1] for look in looks) for thread in last]
+        if max(ran, default=0) < 1_000_000 and not any(waits):
+            break
     return time.thread_time() - began_s
 
 
-def read(file):
-    """Return the text of a file, nothing where its thread has ended."""
-    try:
-        return file.read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return ""
+def looked_at():
+    """Return the time that each other thread has run [ns], and whether it runs or waits for a processor."""
+    found = {}
+    for folder in Path("/proc/self/task").iterdir():
+        if folder.name != str(threading.get_native_id()):
+            try:
+                ran_ns = int((folder / "schedstat").read_text().split()[0])
+                found[folder.name] = ran_ns, ") R " in (folder / "stat").read_text()
+            except (FileNotFoundError, ProcessLookupError):  # the thread has ended
+                continue
+    return found
 
 
 def matrix(quaternion):
