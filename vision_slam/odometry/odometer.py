@@ -28,6 +28,9 @@ from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.readers.sequence import VisionRecords
 
 
+_NO_IMAGES = "the recording has no images: the path is that of wheels, gyro and fixes, as far as it has them"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class VisualOdometry(DataObject):
     """Odometry and landmark sightings estimated from images.
@@ -55,6 +58,8 @@ class VisualOdometry(DataObject):
     n_repeated : int
         Images that are the same as the one before, byte by byte, and were left out. Wheels say whether
         the camera stands or repeats itself; without wheels the next other image decides.
+    has_images : bool
+        False where the recording has no images, and the odometry is that of wheels and gyro.
 
     Notes
     -----
@@ -70,10 +75,13 @@ class VisualOdometry(DataObject):
     lever_arm_m: FloatArray | None = None
     ignores_wheels: bool = False
     n_repeated: int = 0
+    has_images: bool = True
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was found about the lens, the wheels and repeated images, one sentence each."""
+        if not self.has_images:
+            return (_NO_IMAGES,)
         lens = () if self.lens is None else (self.lens.note,)
         wheels = (IDLE_WHEELS,) if self.ignores_wheels else ()
         repeated = f"images repeated to the last byte were left out: {self.n_repeated}"
