@@ -52,7 +52,7 @@ MAX_FEATURES = 2000  # of an image; with COLMAP's 8192 the matching of a pair ta
 
 
 def orbslam3(folder, drive):
-    """Give an image once the threads are idle, so that mapping keeps up on a busy machine; return the saved path."""
+    """Give the images as in real time on a machine of its own, however busy this one is; return the saved path."""
     peer = importlib.import_module("pyorbslam3")
     times, frames = np.array(drive["time_s"]), np.load(folder / "frames.npy", mmap_mode="r")
     times = times - times[0] + 1.0
@@ -60,9 +60,10 @@ def orbslam3(folder, drive):
     settings.write_text(SETTINGS.format(**drive))
     slam = peer.Slam(str(folder / "vocabulary.txt"), str(settings), peer.Sensor.MONOCULAR)
     began_cpu_s, waited_s = time.process_time(), 0.0
-    for time_s, frame in zip(times, frames, strict=True):
+    for time_s, step_s, frame in zip(times, np.diff(times, append=times[-1]), frames, strict=True):
+        before = looked_at()
         slam.track_monocular(np.array(frame), time_s)
-        waited_s += wait_until_idle()
+        waited_s += wait_as_in_real_time(before, step_s)
     slam.shutdown()
     cpu_s = time.process_time() - began_cpu_s - waited_s
     slam.save_trajectory_euroc(str(saved))
@@ -73,24 +74,24 @@ def orbslam3(folder, drive):
     return index, poses, cpu_s
 
 
-def wait_until_idle():
-    """Wait, at most 2 s, until no other thread computes or waits for a processor; return the CPU time of looking [s].
+def wait_as_in_real_time(before, step_s):
+    """Wait until another thread has run for the time to the next image, or all are idle; return the CPU time of looking [s].
 
     Idle threads wake for microseconds every few milliseconds.
     """
-    began_s, until_s = time.thread_time(), time.perf_counter() + 2.0
-    before = looked_at()
-    while time.perf_counter() < until_s:
-        looks = [before]
-        for _ in range(3):
-            time.sleep(0.008)
-            looks.append(looked_at())
-        last, before = looks[-1], looks[-1]
-        ran = [last[thread][0] - looks[0].get(thread, (0,))[0] for thread in last]
-        waits = [all(thread in look and look[thread][1] for look in looks) for thread in last]
-        if max(ran, default=0) < 1_000_000 and not any(waits):
+    began_s, looks = time.thread_time(), [looked_at()]
+    while ran_ns(before, looks[-1]) < 1e9 * step_s:
+        time.sleep(0.008)
+        looks = [*looks[-3:], looked_at()]
+        waits = any(all(thread in look and look[thread][1] for look in looks) for thread in looks[-1])
+        if len(looks) == 4 and ran_ns(looks[0], looks[-1]) < 1_000_000 and not waits:
             break
     return time.thread_time() - began_s
+
+
+def ran_ns(before, now):
+    """Return the longest time that a thread has run between two looks [ns]."""
+    return max((ran - before.get(thread, (0,))[0] for thread, (ran, _) in now.items()), default=0)
 
 
 def looked_at():
@@ -123,6 +124,8 @@ def colmap(folder, drive):
     matching, verification = peer.FeatureMatchingOptions(), peer.TwoViewGeometryOptions()
     extraction.sift.max_num_features = MAX_FEATURES
     extraction.num_threads = matching.num_threads = mapping.num_threads = 1
+    # Cameras that look ahead: with its 16 degrees and less forward motion no first pair is found.
+    mapping.mapper.init_min_tri_angle, mapping.mapper.init_max_forward_motion = 4.0, 1.0
     mapping.random_seed = verification.ransac.random_seed = 0
     began_cpu_s = time.process_time()
     peer.extract_features(
