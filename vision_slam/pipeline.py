@@ -23,7 +23,7 @@ from vision_slam.fusion.online import predicted_covariance
 from vision_slam.fusion.smoother import SmoothedPath, ground_of_path, place_landmarks, smooth
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.wheel_odometry import wheel_odometry
-from vision_slam.readers.sequence import ImageSequence
+from vision_slam.readers.sequence import ImageSequence, MotionRecords
 
 _UNIT_SCALE_SIGMA = 1e-6
 """Error of a scale that is the unit of the path."""
@@ -173,13 +173,15 @@ def _most_moved_m(about: IceMotion, found: IceMotion, recording: Recording) -> f
 
 
 def localize_images(
-    images: ImageSequence,
+    images: ImageSequence | MotionRecords,
     config: LocalizationConfig | None = None,
     *,
     visual_config: VisualOdometryConfig | None = None,
     progress: Progress | None = None,
 ) -> DriveEstimate:
-    """Estimate path and landmarks of images without fixes, in the frame of the first image."""
+    """Estimate path and landmarks of images, or the path of wheels, without fixes, in the frame of the first pose."""
+    if images.frames is None:
+        return _localize_wheels(images, config or LocalizationConfig())
     visual = process_images(images, visual_config, progress)
     has_wheels = images.wheels is not None and not visual.ignores_wheels
     check_images(visual, has_wheels=has_wheels)
@@ -190,3 +192,10 @@ def localize_images(
     estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
     note = visual.mounting_note(images.camera)
     return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))
+
+
+def _localize_wheels(records: MotionRecords, config: LocalizationConfig) -> DriveEstimate:
+    """Estimate the path of wheels and gyro in the frame of the first pose."""
+    wheels = wheel_odometry(records)
+    covariance = predicted_covariance(wheels.odometry, config.with_wheel_errors())
+    return replace(DriveEstimate.in_first_frame(wheels, covariance), visual_odometry=None)

@@ -27,7 +27,6 @@ from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.readers.sequence import VisionRecords
 
-
 _NO_IMAGES = "the recording has no images: the path is that of wheels, gyro and fixes, as far as it has them"
 
 

@@ -21,7 +21,9 @@ from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.readers.sequence import VisionRecords
 
 _STEP_S = 0.25  # between poses
-_TURN_RAD_SQRT_S = 0.5  # random walk of the heading where the filter is to take turns from gyro or fixes alone
+_TURN_RAD_SQRT_S = (
+    0.5  # random walk of the heading where the filter is to take turns from gyro or fixes alone
+)
 _COURSE_M = 6.0  # travel between the fixes whose direction is the course
 _BLIND = FrameHealth(0.0, 0.0, 0.0)
 
