@@ -24,12 +24,11 @@ _RATES_HZ = (4, 10)
 
 @dataclass(frozen=True)
 class PeerDrive:
-    """Images with reference poses; `is_snow`: simulated; `is_repeated`: a drive of the same ground has fewer images."""
+    """Images with reference poses; `is_snow`: simulated."""
 
     name: str
     sequence: ImageSequence
     is_snow: bool = False
-    is_repeated: bool = False
 
     @cached_property
     def images(self) -> list[Image]:
@@ -77,6 +76,4 @@ def _snow(seed: int, rate_hz: int) -> PeerDrive:
     )
     frames = Frames(time_s, recording.frames.images)
     sequence = ImageSequence(recording.camera, frames, reference_time_s=time_s, reference=poses)
-    return PeerDrive(
-        f"snow {seed}, {rate_hz} Hz", sequence, is_snow=True, is_repeated=rate_hz != _RATES_HZ[0]
-    )
+    return PeerDrive(f"snow {seed}, {rate_hz} Hz", sequence, is_snow=True)

@@ -14,7 +14,7 @@ from survey.data.frames import Image
 
 _N_CORNERS, _APART_PX, _BACK_PX = 1200, 8.0, 0.7
 _FIRST_FLOW_PX, _LEAST_INLIERS, _GATE_PX = 15.0, 15, 1.5
-_LEAST_ANGLE_RAD = np.radians(1.0)
+_LEAST_ANGLE_RAD, _LEAST_TRIANGULATED = np.radians(1.0), 60
 
 
 class OpenCvOdometry:
@@ -23,6 +23,7 @@ class OpenCvOdometry:
     def __init__(self, camera: Camera) -> None:
         self._camera, self._focal_px = camera, float(camera.matrix[0, 0])
         self._image: Image | None = None
+        self._clahe = cv2.createCLAHE(4.0, (8, 8))
         self._pose, self._has_scale = np.eye(4), False
         # Of each corner: where it is [pixels], its first ray and the pose it was seen from, and its point.
         self._uv, self._first = np.zeros((0, 2), np.float32), np.zeros((0, 2))
@@ -30,6 +31,7 @@ class OpenCvOdometry:
 
     def add(self, image: Image) -> FloatArray | None:
         """Return the pose (4, 4) of the camera at an image in the frame of the first; None where it is lost."""
+        image = self._clahe.apply(image)
         if self._image is not None:
             self._track(image)
         self._image = image
@@ -68,8 +70,12 @@ class OpenCvOdometry:
         essential, inlier = cv2.findEssentialMat(self._first, here, np.eye(3), cv2.RANSAC, **gate)
         _, turn, step, _ = cv2.recoverPose(essential, self._first, here, np.eye(3), mask=inlier)
         self._pose = _inverse_pose(turn, step)
+        self._triangulate()
+        self._has_scale = int(np.isfinite(self._points[:, 0]).sum()) > _LEAST_TRIANGULATED
+        if not self._has_scale:
+            self._pose, self._points[:] = np.eye(4), np.nan
+            return True
         self._keep(inlier.ravel().astype(bool))
-        self._has_scale = True
         return True
 
     def _resected(self) -> bool:

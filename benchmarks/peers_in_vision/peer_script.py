@@ -17,15 +17,12 @@ import numpy as np
 # The settings that ORB-SLAM3 ships for KITTI, monocular.
 SETTINGS = """%YAML:1.0
 File.version: "1.0"
-Camera.type: "PinHole"
+Camera.type: "{orbslam3_model}"
 Camera1.fx: {fx}
 Camera1.fy: {fy}
 Camera1.cx: {cx}
 Camera1.cy: {cy}
-Camera1.k1: {k1}
-Camera1.k2: {k2}
-Camera1.p1: {p1}
-Camera1.p2: {p2}
+{orbslam3_lens}
 Camera.width: {width}
 Camera.height: {height}
 Camera.newWidth: {width}
@@ -57,7 +54,9 @@ def orbslam3(folder, drive):
     times, frames = np.array(drive["time_s"]), np.load(folder / "frames.npy", mmap_mode="r")
     times = times - times[0] + 1.0
     settings, saved = folder / "settings.yaml", folder / "saved.txt"
-    settings.write_text(SETTINGS.format(**drive))
+    lens = "\n".join(f"Camera1.{name}: {value}" for name, value in drive["distortion"].items())
+    model = "KannalaBrandt8" if drive["is_fisheye"] else "PinHole"
+    settings.write_text(SETTINGS.format(**drive, orbslam3_model=model, orbslam3_lens=lens))
     slam = peer.Slam(str(folder / "vocabulary.txt"), str(settings), peer.Sensor.MONOCULAR)
     began_cpu_s, waited_s = time.process_time(), 0.0
     for time_s, step_s, frame in zip(times, np.diff(times, append=times[-1]), frames, strict=True):
@@ -118,8 +117,9 @@ def colmap(folder, drive):
     """Extract, match each image with its ten neighbours and with farther ones, and map; the lens is refined."""
     peer = importlib.import_module("pycolmap")
     database, images = folder / "colmap.db", folder / "images"
-    lens = [drive[name] for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")]
-    reader = peer.ImageReaderOptions(camera_model="OPENCV", camera_params=",".join(map(str, lens)))
+    lens = [*(drive[name] for name in ("fx", "fy", "cx", "cy")), *drive["distortion"].values()]
+    model = "OPENCV_FISHEYE" if drive["is_fisheye"] else "OPENCV"
+    reader = peer.ImageReaderOptions(camera_model=model, camera_params=",".join(map(str, lens)))
     extraction, mapping = peer.FeatureExtractionOptions(), peer.IncrementalPipelineOptions()
     matching, verification = peer.FeatureMatchingOptions(), peer.TwoViewGeometryOptions()
     extraction.sift.max_num_features = MAX_FEATURES

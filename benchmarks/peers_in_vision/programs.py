@@ -1,7 +1,7 @@
 """Programs that find a path from images: firnline, an odometry of OpenCV's functions, ORB-SLAM3 and COLMAP.
 
 The last two run in the Python that ``FIRNLINE_PEERS`` names, else in this one. What each program found on a drive is stored
-as it is found, that of the others for as long as the code of this folder stays the same, ours also as that of vision_slam.
+as it is found, for as long as the code that runs it stays the same: ours is that of vision_slam.
 """
 
 import json
@@ -37,13 +37,16 @@ _NAMES = {ORB_SLAM3: "orbslam3", COLMAP: "colmap"}
 _PYTHON = os.environ.get("FIRNLINE_PEERS", sys.executable)
 _SCRIPT = Path(__file__).with_name("peer_script.py")
 _HERE = "benchmarks/peers_in_vision"
-_CODE = tuple(
-    f"{_HERE}/{name}.py" for name in ("drives", "opencv_odometry", "peer_script", "programs", "vocabulary")
-)
+_CODE_OF = {
+    OURS: ("vision_slam", f"{_HERE}/drives.py"),
+    OPENCV: (f"{_HERE}/opencv_odometry.py", f"{_HERE}/drives.py"),
+    ORB_SLAM3: (f"{_HERE}/peer_script.py", f"{_HERE}/vocabulary.py", f"{_HERE}/drives.py"),
+    COLMAP: (f"{_HERE}/peer_script.py", f"{_HERE}/drives.py"),
+}
 # ORB-SLAM3 maps in a thread of its own, and no two of its runs are alike: the run with the median error counts.
 _RUNS_ON_STREETS = {ORB_SLAM3: 3}
-# COLMAP takes minutes for images that are closer, and matches these no worse: streets at 10 m/s, snow at 1 m/s [s].
-_COLMAP_STEP_S = {"street": 0.19, "snow": 0.49}
+# COLMAP takes minutes for images that are closer, and matches these no worse [s].
+_COLMAP_STEP_S = 0.19
 _VOCABULARY_EVERY = 6
 _WARM_UP = 12
 
@@ -75,14 +78,13 @@ class FoundPath:
 
 
 def programs_for(drive: PeerDrive) -> list[str]:
-    """Return the programs that run on a drive: COLMAP not where it would get images of the same ground again."""
-    return [name for name in PROGRAMS if name != COLMAP or not drive.is_repeated]
+    """Return the programs that run on a drive: COLMAP on streets alone, for 100 images take it many minutes."""
+    return [name for name in PROGRAMS if name != COLMAP or not drive.is_snow]
 
 
 def found_paths(drive: PeerDrive, program: str) -> list[FoundPath]:
     """Return what each run of a program found on a drive, stored ones where there are any."""
-    code = (*_CODE, "vision_slam") if program == OURS else _CODE
-    folder = Path(tempfile.gettempdir()) / "firnline-peers-in-vision" / code_digest(code)
+    folder = Path(tempfile.gettempdir()) / "firnline-peers-in-vision" / code_digest(_CODE_OF[program])
     return [
         FoundPath.of(
             stored(
@@ -134,7 +136,7 @@ def _opencv(drive: PeerDrive) -> FoundPath:
 
 def _by_script(program: str, drive: PeerDrive) -> FoundPath:
     """Run a peer in its Python; return its last line where it fails."""
-    step_s = _COLMAP_STEP_S["snow" if drive.is_snow else "street"] if program == COLMAP else 0.0
+    step_s = _COLMAP_STEP_S if program == COLMAP else 0.0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         n_given = _write_drive(folder, drive, step_s)
@@ -158,16 +160,14 @@ def _write_drive(folder: Path, drive: PeerDrive, least_step_s: float) -> int:
         cv2.imwrite(str(folder / "images" / f"{k:06d}.png"), drive.images[k])
     np.save(folder / "frames.npy", np.array(drive.images))
     camera = drive.sequence.camera
-    k1, k2, p1, p2, _ = camera.distortion.tolist()
+    is_fisheye, matrix = camera.model == "fisheye", camera.matrix
+    names = ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2")
     facts = {
-        **{
-            "fx": camera.matrix[0, 0],
-            "fy": camera.matrix[1, 1],
-            "cx": camera.matrix[0, 2],
-            "cy": camera.matrix[1, 2],
-        },
-        **{"k1": k1, "k2": k2, "p1": p1, "p2": p2, "width": camera.width, "height": camera.height},
-        **{"fps": round(1.0 / float(np.median(np.diff(drive.time_s)))), "time_s": drive.time_s.tolist()},
+        **{"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]},
+        **{"width": camera.width, "height": camera.height, "is_fisheye": is_fisheye},
+        "distortion": dict(zip(names, camera.distortion.tolist(), strict=False)),
+        "fps": round(1.0 / float(np.median(np.diff(drive.time_s)))),
+        "time_s": drive.time_s.tolist(),
     }
     (folder / "drive.json").write_text(json.dumps(facts), encoding="utf-8")
     (folder / "vocabulary.txt").symlink_to(_vocabulary())
