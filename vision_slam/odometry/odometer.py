@@ -31,6 +31,7 @@ from vision_slam.readers.sequence import VisionRecords
 
 _LEAST_SIGHTS = 3  # of a track that adjustment and triangulation use
 _AT_A_TIME = 500  # tracks that are triangulated
+_NO_IMAGES = "the recording has no images: the path is that of wheels, gyro and fixes, as far as it has them"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,6 +64,8 @@ class VisualOdometry(DataObject):
     adjusted_covariance : (N, 3, 3) ndarray, optional
         Covariances of the positions relative to the first by the global bundle adjustment, in the frame of its first pose; None
         where there was none.
+    has_images : bool
+        False where the recording has no images, and the odometry is that of wheels and gyro.
 
     Notes
     -----
@@ -79,10 +82,13 @@ class VisualOdometry(DataObject):
     ignores_wheels: bool = False
     n_repeated: int = 0
     adjusted_covariance: FloatArray | None = None
+    has_images: bool = True
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was found about the lens, the wheels and repeated images, one sentence each."""
+        if not self.has_images:
+            return (_NO_IMAGES,)
         lens = () if self.lens is None else (self.lens.note,)
         wheels = (IDLE_WHEELS,) if self.ignores_wheels else ()
         repeated = f"images repeated to the last byte were left out: {self.n_repeated}"

@@ -269,6 +269,11 @@ class ImageSequence:
     gps: GpsLog | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the images [s]."""
+        return self.frames.time_s
+
     def __post_init__(self) -> None:
         if (self.reference is None) != (self.reference_time_s is None):
             raise InputError("reference poses and their times are needed together; give both or neither.")
@@ -278,6 +283,29 @@ class ImageSequence:
                 raise InputError(
                     f"there are {len(poses)} reference poses and {len(self.reference_time_s)} times; they must be as many."
                 )
+
+
+@dataclass(frozen=True)
+class MotionRecords:
+    """Records of a drive without images.
+
+    `wheels`, `inertial`: sensors of motion. `gps`: fixes. `notes`: what the reader did or assumed, one sentence each.
+    """
+
+    wheels: Wheels | None = None
+    inertial: Inertial | None = None
+    gps: GpsLog | None = None
+    notes: tuple[str, ...] = ()
+    camera: None = None
+    frames: None = None
+    compass: None = None
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the wheels, or of the fixes without wheels [s]."""
+        if self.wheels is not None:
+            return self.wheels.time_s
+        return np.zeros(0) if self.gps is None else self.gps.time_s
 
 
 def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSequence:
@@ -307,9 +335,9 @@ def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSeque
 
 
 def georeference(
-    sequence: ImageSequence, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
+    sequence: ImageSequence | MotionRecords, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
 ) -> Recording:
-    """Combine an image sequence and fixes to a recording in a CRS.
+    """Combine an image sequence, or the records of a drive without images, and fixes to a recording in a CRS.
 
     The start is the first fix, and counts as not surveyed.
 
@@ -317,11 +345,11 @@ def georeference(
     """
     fixes, working = log.fixes(crs)
     fixes = replace(fixes, time_s=fixes.time_s + shift_s)
-    times = sequence.frames.time_s
+    times, sensor = sequence.time_s, "wheels" if sequence.frames is None else "images"
     inside = (fixes.time_s >= times[0]) & (fixes.time_s <= times[-1])
     if inside.sum() < 2:
         raise InputError(
-            f"{inside.sum()} of {len(fixes)} fixes ({_span(fixes.time_s)}) fall into the time of the images ({_span(times)}); "
+            f"{inside.sum()} of {len(fixes)} fixes ({_span(fixes.time_s)}) fall into the time of the {sensor} ({_span(times)}); "
             f"name with --gps-shift the seconds to add to the times of the fixes{_guess(log, times)}."
         )
     start = [np.interp(times[0], fixes.time_s, axis) for axis in fixes.position.T]
