@@ -136,8 +136,8 @@ def _driven_m(mission: MissionConfig, world: World) -> float:
     """Drive, localize and map as a mission does; return the root mean square error of the map [m]."""
     recording, _ = simulate_statistical(world.terrain, planned_mission(mission, world), mission)
     found = localize_recording(recording, mission)
-    west, south, east, north = world.area.bounds
-    grid = Grid(world.area.bounds, (east - west) / _N_NODES, world.area.crs)
+    bounds = world.area.bounds
+    grid = Grid(bounds, (bounds[2] - bounds[0]) / _N_NODES, world.area.crs)
     mapped = map_landmarks(
         found.points,
         grid,

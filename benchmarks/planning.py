@@ -1,6 +1,10 @@
-"""How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``."""
+"""How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``.
+
+``python -m benchmarks.planning outlines`` measures the pieces of swaths on real outlines, a table of its own.
+"""
 
 import os
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +93,6 @@ def rows(quick: bool) -> Iterator[Row]:
     yield from _four_hundred_segments()
     yield from _growth(quick)
     yield from _fleet()
-    yield from _pieces_of_real_outlines(quick)
 
 
 def _square_kilometre() -> Iterator[Row]:
@@ -212,10 +215,10 @@ def _tongue(glacier: SurveyArea, raster: Path) -> tuple[SurveyArea, SurveyArea] 
     return glacier, between_heights(glacier, dem, below_m=float(np.nanmedian(heights)))
 
 
-def _pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
+def pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
     """Yield pieces, drive and error of swaths on real outlines, beside those of all pieces by the narrowest heading."""
     if not DATA.is_dir():
-        return
+        sys.exit(f"the folder of real data {DATA} is not here; set FIRNLINE_DATA.")
     areas = list(real_outlines())[:: 4 if quick else 1]
     yield Row("real outlines", len(areas), "")
     for n in (8, 16, 30):
@@ -252,4 +255,8 @@ def _routed(area: SurveyArea, n: int) -> list[list[float]]:
 
 
 if __name__ == "__main__":
-    main("Planning", rows, ("numpy", "scipy", "shapely", "numba"))
+    packages = ("numpy", "scipy", "shapely", "numba")
+    if sys.argv[1:2] == ["outlines"]:
+        main("Pieces of real outlines", pieces_of_real_outlines, packages, sys.argv[2:])
+    else:
+        main("Planning", rows, packages)
