@@ -1,10 +1,12 @@
 """How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``.
 
-``python -m benchmarks.planning outlines`` measures the pieces of swaths on real outlines, a table of its own.
+``python -m benchmarks.planning outlines`` measures the pieces of swaths on real outlines, a table of its own whose
+parts are stored.
 """
 
 import os
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,7 @@ from shapely import LineString, Polygon
 
 import planners
 from benchmarks.report import Row, cpu_seconds, fastest, main
+from benchmarks.stored_parts import code_digest, stored
 from firnline.actions.interface import read_about
 from planners.routes.fleet import share
 from planners.routes.rover import Mobility, predicted
@@ -182,6 +185,7 @@ SINGLE = (
     ("dem_avaframe_tirol/polygons/entGar.shp", 31287),
     ("dem_avaframe_tirol/polygons/relGar2.shp", 31287),
 )
+NUMBERS = (8, 16, 30)
 _LEAST_M2, _MOST_OF_ONE = 0.3e6, 10
 
 
@@ -221,8 +225,11 @@ def pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
         sys.exit(f"the folder of real data {DATA} is not here; set FIRNLINE_DATA.")
     areas = list(real_outlines())[:: 4 if quick else 1]
     yield Row("real outlines", len(areas), "")
-    for n in (8, 16, 30):
-        found = np.array([_routed(area, n) for area in areas])
+    folder = Path(tempfile.gettempdir()) / "firnline-real-outlines" / code_digest(("planners",))
+    for n in NUMBERS:
+        found = np.array(
+            [stored(folder / f"{_key(area)}-{n}.json", lambda a=area, n=n: _routed(a, n)) for area in areas]
+        )
         ours, every = found[:, 0], found[:, 1]
         what = f"real outlines, {n} swaths"
         yield Row.of(f"{what}: most lines beyond those asked for", (ours[:, 0] - n).max(), "", "<=", 0)
@@ -236,6 +243,11 @@ def pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
         for name, column, limit in (("drive", 3, 1.03), ("turns", 4, 1.0), ("predicted RMSE", 5, 1.02)):
             ratio = float((ours[:, column] / every[:, column]).mean())
             yield Row.of(f"{what}: {name} / all pieces, mean", ratio, "x", "<=", limit)
+
+
+def _key(area: SurveyArea) -> str:
+    """Return a name of an outline, by its bounds and its size [m]."""
+    return "_".join(f"{value:.0f}" for value in (*area.bounds, area.free.area))
 
 
 def _routed(area: SurveyArea, n: int) -> list[list[float]]:
