@@ -19,7 +19,7 @@ from survey.io.point_files import READ_ENDINGS as POINTS
 from survey.io.point_files import WRITERS as POINT_WRITERS
 from survey.io.point_table import PLACE, SIGMA
 from survey.io.trajectory_files import TUM_COLUMNS
-from survey.scoring.differencing.volume_change import TABLE_COLUMNS as CHANGE
+from survey.scoring.differencing.change_files import TABLE_COLUMNS as CHANGE
 
 _HEAD = """\
 # File formats

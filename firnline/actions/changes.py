@@ -153,7 +153,7 @@ class ChangeResult(WrittenResult):
     def _write_files(self) -> None:
         """Write the folder of the change, and the report if one is asked for."""
         from survey.core import replacing_folder
-        from survey.scoring.differencing.volume_change import write_change
+        from survey.scoring.differencing.change_files import write_change
 
         with replacing_folder(self.request.out, own=OUTPUTS) as draft:
             write_change(draft, self.change, *self._density)
@@ -170,7 +170,7 @@ class ChangeResult(WrittenResult):
 
     def facts(self) -> dict[str, Any]:
         """Return shift, volumes, masses and notes."""
-        from survey.scoring.differencing.volume_change import change_facts
+        from survey.scoring.differencing.change_files import change_facts
 
         return change_facts(self.change, *self._density)
 
@@ -194,7 +194,7 @@ class ChangeResult(WrittenResult):
 
 def preview_change(request: ChangeRequest) -> Preview:
     """Read surveys and outlines, and return what would be compared."""
-    from survey.scoring.differencing.volume_change import read_outlines
+    from survey.scoring.differencing.change_files import read_outlines
 
     request.check()
     writes = [request.out, *([] if request.report is None else [request.report])]
@@ -238,8 +238,8 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
+    from survey.scoring.differencing.change_files import read_outlines
     from survey.scoring.differencing.difference import change as compare
-    from survey.scoring.differencing.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request)
@@ -269,8 +269,8 @@ def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+    from survey.scoring.differencing.change_files import read_outlines
     from survey.scoring.differencing.difference import change_of_models
-    from survey.scoring.differencing.volume_change import read_outlines
 
     later, earlier = request.later, request.earlier
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
@@ -334,7 +334,7 @@ class Surveys(NamedTuple):
 
 def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
-    from survey.scoring.differencing.volume_change import average_survey, averaged_step_m
+    from survey.scoring.differencing.change_files import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:

@@ -3,19 +3,13 @@
 `Change` is the result of a comparison: difference, standard deviation, significance, and a `VolumeChange` for
 each outline, from which mass follows by a density. `ComparedGround` rasterizes the outlines and the ground that
 did not change. `OutlineVolumes` integrates a difference over outlines; the error of a mean follows from the
-variogram. The notes state assumptions that a reader has to check. Named outlines of glaciers come from GeoJSON,
-GeoPackage, KML, KMZ or Shapefile; surveys that are too large for the memory are averaged over squares of cells. A change
-is written as rasters, as a table for spreadsheets, and as JSON.
+variogram. The notes state assumptions that a reader has to check.
 """
 
-import csv
-import io
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,30 +21,14 @@ from survey.core import (
     DataObject,
     FloatArray,
     InputError,
-    agreed_crs,
     printable,
-    projected_crs,
-    write_json,
-    write_text,
 )
 from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
-from survey.core.text import csv_cell
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.outlines import (
-    check_polygon,
-    in_crs,
-    polygon_parts,
-    read_outlines_file,
-    refuse_nested,
-    with_simple_rings,
-)
-from survey.io.raster import raster_header, sigma_band, write_raster
-from survey.io.raster.large import read_averaged
-from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
 from survey.scoring.accuracy import NMAD_FACTOR
 from survey.scoring.differencing.coregistration import Shift
-from survey.scoring.differencing.variogram import LARGEST_CELLS, Variogram, error_of_sum
+from survey.scoring.differencing.variogram import Variogram, error_of_sum
 
 SIGNIFICANT = 1.959964
 """A change beyond this many standard deviations is called significant."""
@@ -402,133 +380,4 @@ def coverage_notes(volumes: Iterable[VolumeChange]) -> tuple[str, ...]:
         "and its standard deviation for the error of the rest"
         for one in volumes
         if one.known_share < _MAPPED
-    )
-
-
-def read_outlines(
-    path: str | Path, crs: Any, select: Sequence[str] = ()
-) -> dict[str, Polygon | MultiPolygon]:
-    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS.
-
-    `select`: which of them; a name, or ``COLUMN=VALUE``, with ``*`` for any letters.
-    """
-    what = "the outline file"
-    found = read_outlines_file(path, what, select=select, has_roles=False)
-    features = with_simple_rings(found.features)
-    refuse_nested(features, only_parts=True)
-    wheres = [f"{found.where}: the outline {printable(name)!r}" for name in found.names]
-    for where, shape in zip(wheres, features.geometry, strict=True):
-        polygon_parts(shape, where)
-    shapes = shapely.force_2d(in_crs(features, projected_crs(crs, "the surveys"), found.where).geometry)
-    for where, shape in zip(wheres, shapes, strict=True):
-        check_polygon(shape, where)
-    return dict(zip(found.names, shapes, strict=True))
-
-
-_AVERAGED_CELLS = 4_000_000
-
-
-def averaged_step_m(files: list[Path]) -> float | None:
-    """Return the side of the squares over which surveys are averaged before they are compared [m].
-
-    Returns: None where every survey is small enough to be compared cell by cell.
-    """
-    headers = [raster_header(file) for file in files]
-    if all(math.prod(header.shape) <= LARGEST_CELLS for header in headers):
-        return None
-    sides = [math.prod(header.shape) * header.transform.a**2 / _AVERAGED_CELLS for header in headers]
-    return float(max(np.sqrt(sides).max(), *(header.transform.a for header in headers)))
-
-
-def average_survey(
-    file: Path, step_m: float, crs: Any = None, units: str | None = None
-) -> Reconstruction | Dem:
-    """Return a survey averaged over squares of about a given side, with its band of standard deviations (`sigma_band`).
-
-    `step_m`: side of the squares [m]; whole cells are taken, at least one.
-    """
-    cells = max(1, math.ceil(step_m / raster_header(file).transform.a - 1e-9))
-    bands = (1,) if sigma_band(file) is None else (1, 2)
-    rasters = read_averaged(file, cells, bands, units)
-    system = agreed_crs(rasters[0].crs, crs, str(file))
-    mean, *std = (Dem(one.values, one.transform, system, one.vertical_datum) for one in rasters)
-    if not std:
-        return mean
-    return Reconstruction(mean, std[0], np.full(mean.shape, INTERPOLATED), "outside", {})
-
-
-TABLE_COLUMNS = (
-    "name", "area_m2", "known_share", "mean_change_m", "volume_change_m3", "volume_std_m3",
-    "volume_low_95_m3", "volume_high_95_m3", "naive_std_m3", "mass_change_kg", "mass_std_kg",
-    "specific_mass_balance_m_we", "specific_std_m_we",
-)  # fmt: skip
-
-
-def change_rows(
-    change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
-) -> list[dict[str, Any]]:
-    """Return one row for each outline, units in the keys."""
-    rows = []
-    for found in change.volumes:
-        mass = found.mass(density_kg_m3, density_std_kg_m3)
-        low, high = (found.volume_m3 + sign * found.half_width_95_m3 for sign in (-1.0, 1.0))
-        values = (found.name, found.area_m2, found.known_share, found.mean_m, found.volume_m3, found.std_m3)
-        row = (*values, low, high, found.naive_std_m3, *mass)
-        rows.append(dict(zip(TABLE_COLUMNS, row, strict=True)))
-    return rows
-
-
-def change_facts(
-    change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
-) -> dict[str, Any]:
-    """Return everything but the rasters, as JSON has it."""
-    facts = {
-        "volumes": change_rows(change, density_kg_m3, density_std_kg_m3),
-        "density_kg_m3": density_kg_m3,
-        "density_std_kg_m3": density_std_kg_m3,
-        "method": change.method,
-        "offset_m": change.offset_m,
-        "n_stable": change.n_stable,
-        "shift": None if change.shift is None else asdict(change.shift),
-        "variogram": None if change.variogram is None else asdict(change.variogram),
-        "significant_share": float(np.mean(np.asarray(change.significant) != 0)),
-        "map_scale": change.map_scale.to_dict(),
-        "notes": list(change.notes),
-    }
-    if change.along_flow is not None:
-        facts["along_flow"] = [balance._asdict() for balance in change.along_flow.balances]
-    return facts
-
-
-def write_change(
-    folder: str | Path, change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
-) -> None:
-    """Write ``change.tif`` (difference, deviation, significance), ``change.csv`` and ``change.json``.
-
-    With a flow also ``along_flow.tif``: difference along the flow and displacement, with their deviations.
-    """
-    place, dem = Path(folder), change.difference
-    bands = {
-        "difference": dem.elevation,
-        "standard_deviation": change.std_m,
-        "significant": np.asarray(change.significant, dtype=np.float64),
-    }
-    write_raster(place / "change.tif", bands, dem.transform, dem.crs, dem.vertical_datum)
-    if change.along_flow is not None:
-        _write_along_flow(place / "along_flow.tif", change.along_flow)
-    facts = change_facts(change, density_kg_m3, density_std_kg_m3)
-    text = io.StringIO()
-    table = csv.DictWriter(text, TABLE_COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows({**row, "name": csv_cell(row["name"])} for row in facts["volumes"])
-    write_text(place / "change.csv", text.getvalue())
-    write_json(place / "change.json", facts)
-
-
-def _write_along_flow(path: Path, found: AlongFlow) -> None:
-    bands = {"difference_along_flow": found.difference.elevation, "standard_deviation": found.std_m}
-    for name, values in (("displacement", found.shift_m), ("displacement_std", found.shift_std_m)):
-        bands |= {f"{name}_east": values[0], f"{name}_north": values[1]}
-    write_raster(
-        path, bands, found.difference.transform, found.difference.crs, found.difference.vertical_datum
     )
