@@ -64,7 +64,7 @@ earlier = Dem.on(grid, surveyed(shifted + 1.0, 0.3))
 
 # %%
 result = change(later, earlier, {"tongue": tongue}, align=True)
-print(result.shift)
+print(result.alignment)
 volume = result.volumes[0]
 print(
     f"volume  {volume.volume_m3:,.0f} ± {volume.std_m3:,.0f} m³; if cells were independent ± {volume.naive_std_m3:,.0f} m³"
