@@ -306,6 +306,8 @@ def remove_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
     return calm
 
 
+# Neighbours that share more than this part of their cells overlap.
+_SHARED_CELLS = 0.001
 LEAST_KNOWN_SHARE = 0.5
 """An outline of which both surveys map less than this share is refused."""
 
@@ -394,12 +396,13 @@ class OutlineVolumes:
     def over(self, name: str, shape: Polygon | MultiPolygon, inside: BoolArray) -> VolumeChange:
         """Return the change over an outline whose cells are `inside` (H, W)."""
         on_raster = float(shape.intersection(shapely.box(*self.difference.bounds)).area / shape.area)
+        on_raster = 1.0 if on_raster > 1.0 - 1e-9 else on_raster
         share = self._known_share(name, inside) * on_raster
         if share < LEAST_KNOWN_SHARE:
             raise InputError(
                 f"both surveys map {share:.0%} of the outline {name!r}; {LEAST_KNOWN_SHARE:.0%} are needed for a volume."
             )
-        filled = self._hypsometry.mean_over(inside, max(1.0 - on_raster, 0.0))
+        filled = self._hypsometry.mean_over(inside, 1.0 - on_raster)
         area = ground_area_m2(self.difference.crs, shape)
         found = self._change(name, area, share, filled.weights, filled.void_std_m)
         return replace(found, bands=filled.bands)
@@ -409,7 +412,7 @@ class OutlineVolumes:
         cells = sum(
             (inside.astype(np.int64) for _, inside in found), np.zeros(self.difference.shape, np.int64)
         )
-        if len(found) < 2 or cells.max() > 1:
+        if len(found) < 2 or (cells > 1).sum() > _SHARED_CELLS * (cells > 0).sum():
             return None
         areas = np.array([one.area_m2 for one, _ in found])
         beyond = [self._hypsometry.mean_over(inside, 0.0).weights for _, inside in found]
