@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from survey.core.arrays import BoolArray, FloatArray
 from survey.data.dem import Dem
 from survey.scoring.accuracy import ErrorStatistics
 from survey.scoring.differencing.coregistration import coregister
@@ -65,3 +66,37 @@ def _theirs(dem: Dem) -> "xdem.DEM":
     return xdem.DEM.from_array(
         dem.elevation.astype(np.float64), dem.transform, dem.crs.to_wkt(), nodata=-9999
     )
+
+
+def aligned_difference(later: Dem, earlier: Dem, stable: BoolArray, *, has_plane: bool) -> FloatArray:
+    """Return xdem's difference (H, W) on the cells of the later model: Nuth and Kääb, perhaps a plane, and a median.
+
+    `stable` (H, W) bool: cells of the later model that did not change.
+    """
+    import xdem
+
+    reference, moving = _theirs(later), _theirs(earlier)
+    plane = [xdem.coreg.Deramp(poly_order=1)] if has_plane else []
+    steps = xdem.coreg.CoregPipeline([xdem.coreg.NuthKaab(), *plane, xdem.coreg.VerticalShift()])
+    moving = moving.reproject(reference)
+    steps.fit(reference, moving, inlier_mask=stable, random_state=0)
+    aligned = steps.apply(moving).reproject(reference)
+    difference = np.ma.filled((reference.data - aligned.data).astype(np.float64), np.nan)
+    return np.asarray(difference.squeeze())
+
+
+def filled_mean(difference: FloatArray, heights: FloatArray, inside: BoolArray) -> float:
+    """Return the mean of a difference over cells (H, W) whose voids are filled by xdem's hypsometric means [m]."""
+    import xdem
+
+    known = inside & np.isfinite(difference) & np.isfinite(heights)
+    void = inside & np.isfinite(heights) & ~known
+    total = float(difference[known].sum())
+    if void.any():
+        bins = xdem.volume.hypsometric_binning(
+            difference[known], heights[known], bins=50.0, aggregation_function=np.mean
+        )
+        values = bins["value"].interpolate(limit_direction="both").to_numpy()
+        index = bins.index.get_indexer(np.clip(heights[void], bins.index[0].mid, bins.index[-1].mid))
+        total += float(values[index].sum())
+    return total / float((known | void).sum())
