@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from desk.terrain.background import MapService, Picture
 from desk.terrain.pyramid import ElevationPyramid, Overview
 from desk.terrain.shading import Table, TerrainStyle, colour_of, legend_colours
 from survey.core import Bounds, FloatArray, round_number
@@ -24,11 +25,12 @@ _MOST_TILES = 512
 class TerrainTiles:
     """Tiles of a terrain; zoom 0 shows all of it in one tile, each further zoom has cells of half the width.
 
-    `pyramid`: the terrain.
+    `pyramid`: the terrain. `background`: what is drawn below it where the user chose a picture or a map service.
     """
 
     def __init__(self, pyramid: ElevationPyramid) -> None:
         self.pyramid = pyramid
+        self.background: Picture | MapService | None = None
         self.style = TerrainStyle.of(pyramid, pyramid.bounds)
         self._png = lru_cache(_MOST_TILES)(self._drawn)
 

@@ -398,7 +398,11 @@ class MapPredictor:
         It is the weighted geometric mean over the covariances, as the expected error is.
         """
         weights = [one.weight for one in posterior.kernels]
-        found = self._left_at_nodes(xy, posterior) if at is None else self._left(xy, posterior, at)
+        found = (
+            self._left_at_nodes(xy, posterior)
+            if at is None
+            else self._left(xy, posterior, at, only_variance=True)
+        )
         logs = [np.log(np.maximum(one.variance, 1e-12)) for one in found]
         variance: FloatArray = np.exp(np.average(logs, axis=0, weights=weights))
         return variance
@@ -439,9 +443,15 @@ class MapPredictor:
         return part
 
     def _left(
-        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray, own_m2: FloatArray | None = None
+        self,
+        xy: FloatArray,
+        posterior: KernelPosterior,
+        at: FloatArray,
+        own_m2: FloatArray | None = None,
+        *,
+        only_variance: bool = False,
     ) -> list[_Left]:
-        """Return what the map leaves at places (M, 2), for each covariance."""
+        """Return what the map leaves at places (M, 2), for each covariance; with `only_variance` the rest is zero."""
         n_kernels = len(posterior.kernels)
         own_m2 = np.zeros(len(xy)) if own_m2 is None else own_m2
         thin = self._averaged(xy)
@@ -455,7 +465,7 @@ class MapPredictor:
                 key = one.correlation_key
                 if key not in seen:
                     seen[key] = self._seen(group, one, at)
-                left = self._under(one, seen[key], group, at)
+                left = self._under(one, seen[key], group, at, only_variance=only_variance)
                 variance[k, group.places], noise[k, group.places] = left.variance, left.noise
                 squared[k] += left.squared
         return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
@@ -508,7 +518,9 @@ class MapPredictor:
         known, per_m2 = one.known, 1.0 / one.variance_m2
         return lambda a, b: per_m2 * known.covariance(a, b)
 
-    def _under(self, one: WeightedKernel, seen: _Seen, group: _Group, at: FloatArray) -> _Left:
+    def _under(
+        self, one: WeightedKernel, seen: _Seen, group: _Group, at: FloatArray, *, only_variance: bool
+    ) -> _Left:
         """Return what is left at a group's places under one covariance."""
         scale_m2, n_places = self.inflation**2 * one.variance_m2, len(group.places)
         errors = self._errors(one, group)
@@ -520,6 +532,8 @@ class MapPredictor:
         ones, explained = half[:, 0], half[:, 1:]
         gap = (1.0 - ones @ explained) / (ones @ ones)
         left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) * (ones @ ones)
+        if only_variance:
+            return _Left(scale_m2 * left + one.unseen_m2, np.zeros(n_places), 0.0)
         weights = lapack.dtrtrs(factor, explained + np.outer(ones, gap), lower=1, trans=1)[0]
         noise = np.einsum("ij,ij->j", weights, errors @ weights)
         n = min(n_places, _N_IN_COMMON)

@@ -128,11 +128,15 @@ def sees(p: PointXY, q: PointXY, walls: Walls) -> bool:
 
 
 class Bends(NamedTuple):
-    """The reflex corners with their neighbours on the ring, each (N, 2)."""
+    """The reflex corners, and the way from each to its neighbours on the ring, each (N, 2).
+
+    ``slack`` (N, 2): products of lengths with a tenth of a millimetre, below which a point is on the line of an edge [m²].
+    """
 
     xy: FloatArray
-    before: FloatArray
-    after: FloatArray
+    to_before: FloatArray
+    to_after: FloatArray
+    slack: FloatArray
 
 
 class Links(NamedTuple):
@@ -161,30 +165,44 @@ class Network(NamedTuple):
 
 
 @njit(cache=True)
-def _is_tangent(p: PointXY, corner: int, bends: Bends) -> bool:
-    """Return whether a line from `p` grazes a corner instead of running into it.
+def _grazes(dx: float, dy: float, before: PointXY, after: PointXY, slack: PointXY) -> bool:
+    """Return whether a line to a corner along (dx, dy) has both edges of the corner on one side of it, or on it.
 
     Points within a tenth of a millimetre of an edge's line count as on it: those that were
     moved onto an edge lie off it by the rounding of large coordinates.
     """
-    vx, vy = bends.xy[corner]
-    dx, dy = vx - p[0], vy - p[1]
-    ax, ay = bends.before[corner, 0] - vx, bends.before[corner, 1] - vy
-    bx, by = bends.after[corner, 0] - vx, bends.after[corner, 1] - vy
-    a, a_slack = dx * ay - dy * ax, 1e-4 * np.hypot(ax, ay)
-    b, b_slack = dx * by - dy * bx, 1e-4 * np.hypot(bx, by)
-    return not ((a > a_slack and b < -b_slack) or (a < -a_slack and b > b_slack))
+    a, b = dx * before[1] - dy * before[0], dx * after[1] - dy * after[0]
+    return not ((a > slack[0] and b < -slack[1]) or (a < -slack[0] and b > slack[1]))
+
+
+@njit(cache=True)
+def _is_tangent(p: PointXY, corner: int, bends: Bends) -> bool:
+    """Return whether a line from `p` grazes a corner instead of running into it."""
+    before, after, slack = bends.to_before[corner], bends.to_after[corner], bends.slack[corner]
+    dx, dy = bends.xy[corner, 0] - p[0], bends.xy[corner, 1] - p[1]
+    return _grazes(dx, dy, (before[0], before[1]), (after[0], after[1]), (slack[0], slack[1]))
 
 
 @njit(cache=True)
 def _pairs(bends: Bends, walls: Walls) -> list[tuple[int, int]]:
     """Return the pairs of corners that see one another and are tangent at both ends."""
     pairs = [(0, 0) for _ in range(0)]
-    for i in range(len(bends.xy)):
-        p = (bends.xy[i, 0], bends.xy[i, 1])
-        for j in range(i + 1, len(bends.xy)):
-            q = (bends.xy[j, 0], bends.xy[j, 1])
-            if _is_tangent(p, j, bends) and _is_tangent(q, i, bends) and sees(p, q, walls):
+    x, y = bends.xy[:, 0].copy(), bends.xy[:, 1].copy()
+    sides = np.hstack((bends.to_before, bends.to_after, bends.slack))
+    for i in range(len(x)):
+        before, after, slack = (
+            (sides[i, 0], sides[i, 1]),
+            (sides[i, 2], sides[i, 3]),
+            (sides[i, 4], sides[i, 5]),
+        )
+        for j in range(i + 1, len(x)):
+            dx, dy = x[i] - x[j], y[i] - y[j]
+            if not _grazes(dx, dy, before, after, slack):
+                continue
+            other = sides[j]
+            if _grazes(-dx, -dy, (other[0], other[1]), (other[2], other[3]), (other[4], other[5])) and sees(
+                (x[i], y[i]), (x[j], y[j]), walls
+            ):
                 pairs.append((i, j))
     return pairs
 
@@ -360,7 +378,8 @@ class FreeGround:
         a, b, c = np.vstack(before), np.vstack(here), np.vstack(after)
         u, v = b - a, c - b
         is_reflex = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] < 0.0
-        return Bends(b[is_reflex], a[is_reflex], c[is_reflex])
+        xy, sides = b[is_reflex], [neighbour[is_reflex] - b[is_reflex] for neighbour in (a, c)]
+        return Bends(xy, *sides, 1e-4 * np.column_stack([np.hypot(*side.T) for side in sides]))
 
     @cached_property
     def links(self) -> Links:
