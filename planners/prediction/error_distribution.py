@@ -30,9 +30,9 @@ from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
@@ -241,9 +241,15 @@ class Correlogram:
 
     def between(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return the correlation (A, B) of places (A, 2) with places (B, 2) [m]."""
-        read: FloatArray = _read(
-            np.ascontiguousarray(a), np.ascontiguousarray(b), self._table, 1.0 / self._step_m
-        )
+        share = cdist(a, b)
+        share *= 1.0 / self._step_m
+        step = np.minimum(share.astype(np.int32), len(self._table) - 2)
+        share -= step
+        np.minimum(share, 1.0, out=share)
+        read: FloatArray = (1.0 - share) * self._table.take(step)
+        step += 1
+        share *= self._table.take(step)
+        read += share
         return read
 
 
@@ -275,20 +281,6 @@ class MeanCorrelogram(Correlogram):
             for lag in lags:
                 total += self.cell.correlation(np.square(to + lag).sum(axis=1))
         return total / (len(_DIRECTIONS) * len(lags))
-
-
-@njit(cache=True)
-def _read(a: FloatArray, b: FloatArray, table: FloatArray, per_m: float) -> FloatArray:
-    """Return the correlations (A, B), linear between the entries of the table."""
-    read = np.empty((len(a), len(b)))
-    last = len(table) - 2
-    for i in range(len(a)):
-        for j in range(len(b)):
-            place = per_m * np.sqrt((a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2)
-            k = min(int(place), last)
-            share = min(place - k, 1.0)
-            read[i, j] = (1.0 - share) * table[k] + share * table[k + 1]
-    return read
 
 
 _N_NODES = 200
