@@ -15,9 +15,9 @@ from survey.data.sensors.odometry import Odometry, Sightings
 from survey.data.sensors.records import GpsFixes, Inertial, Wheels
 from vision_slam.attitude import world_attitudes
 from vision_slam.motion import MotionSensors
-from vision_slam.odometry.bundle_adjustment import half_turned
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.window import half_turned
 from vision_slam.readers.sequence import VisionRecords
 
 _STEP_S = 0.25  # between poses
