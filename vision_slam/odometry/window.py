@@ -13,10 +13,10 @@ from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.window_adjustment import (
     Corners,
-    Links,
+    MotionLinks,
     Mount,
-    Poses,
     Sights,
+    WindowPoses,
     adjusted,
     exp_rotation,
     log_rotation,
@@ -51,7 +51,7 @@ class Window:
     def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
         self.poses: list[FloatArray] = []
         self.pixel_sigma = config.pixel_sigma
-        self._links: list[Links] = []
+        self._links: list[MotionLinks] = []
         self._config = config
         self._body_camera = camera.T_body_camera
         self._mount = Mount(*(np.ascontiguousarray(camera.T_body_camera[:3, part]) for part in (slice(3), 3)))
@@ -82,10 +82,12 @@ class Window:
         free, held = self._split()
         numbers = [*held, *free]
         window = np.array([self.poses[k] for k in numbers])
-        poses = Poses(window[:, :3, :3].copy(), window[:, :3, 3].copy(), len(held))
+        poses = WindowPoses(window[:, :3, :3].copy(), window[:, :3, 3].copy(), len(held))
         sights, seen = self._sights(tracks, numbers)
         corners = self._corners([tracks[j] for j in seen])
-        links = Links(*(np.array(part) for part in zip(*(self._links[k - 1] for k in free), strict=True)))
+        links = MotionLinks(
+            *(np.array(part) for part in zip(*(self._links[k - 1] for k in free), strict=True))
+        )
         poses, corners, sigma = adjusted(poses, self._mount, sights, corners, links)
         for k, rotation, place in zip(
             free, poses.rotation[len(held) :], poses.place[len(held) :], strict=True
@@ -151,7 +153,7 @@ class Window:
         listed: list[bool] = agree.tolist()
         return listed
 
-    def _link(self, guess: FloatArray, motion: RelativeMotion) -> Links:
+    def _link(self, guess: FloatArray, motion: RelativeMotion) -> MotionLinks:
         """Return the turn by gyro and the travel by wheels; unmeasured parts are almost free."""
         config = self._config
         relative = np.linalg.inv(self.poses[-1]) @ guess
@@ -164,7 +166,7 @@ class Window:
             shift = ahead @ [motion.travel_m, 0.0, 0.0]
             travel = abs(motion.travel_m)
             along_m, aside_m = config.wheel_sigma * travel + 0.002, config.lateral_sigma * travel + 0.005
-        return Links(turn, shift, ahead, np.array([turn_sigma, along_m, aside_m]))
+        return MotionLinks(turn, shift, ahead, np.array([turn_sigma, along_m, aside_m]))
 
 
 def half_turned(rotation: FloatArray) -> FloatArray:
