@@ -22,8 +22,8 @@ from vision_slam.odometry.window_adjustment import (
     exp_rotation,
     log_rotation,
     product,
+    rotated,
     solve_symmetric,
-    turned,
     turned_back,
 )
 
@@ -90,7 +90,7 @@ def _resected(  # noqa: PLR0917 - compiled functions take no keywords
             normal[3 + a, 3 + a] += shift_information
             right[3 + a] -= shift[a] * shift_information
         solve_symmetric(normal, right)
-        x, y, z = turned(rotation, right[3], right[4], right[5])
+        x, y, z = rotated(rotation, right[3], right[4], right[5])
         place = np.array([place[0] + x, place[1] + y, place[2] + z])
         rotation = product(rotation, exp_rotation(right[0], right[1], right[2]))
         if iteration > 5 and np.abs(right).max() < 1e-6:

@@ -204,7 +204,8 @@ def _peaks(
     inside = slice(top - y, bottom - y), slice(left - x, right - x)
     is_peak = (response[inside] >= highest[inside]) & (response[inside] > config.corner_threshold)
     rows, columns = np.nonzero(is_peak)
-    return np.column_stack([columns + left, rows + top]).astype(np.float32), response[inside][rows, columns]
+    found: Pixels = response[inside][rows, columns]
+    return np.column_stack([columns + left, rows + top]).astype(np.float32), found
 
 
 def _response(image: Image, config: VisualOdometryConfig) -> Any:

@@ -13,16 +13,19 @@ from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.window_adjustment import (
     Corners,
-    Links,
+    MotionLinks,
     Mount,
-    Poses,
     Sights,
+    WindowPoses,
     adjusted,
     exp_rotation,
     log_rotation,
 )
 
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
+# Width of the loss of pixels in standard deviations. A lens that nothing states displaces corners at the border by many pixels; left
+# out, they would not show the turn that the lens is estimated from.
+_OUTLYING, _OUTLYING_LENS_ASSUMED = 5.0, 20.0
 _SIGNIFICANT = 2.0  # standard deviations
 _FAR_M = 200.0  # a corner so far away moves by less than 0.6° within a window
 
@@ -48,10 +51,11 @@ class Window:
     def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
         self.poses: list[FloatArray] = []
         self.pixel_sigma = config.pixel_sigma
-        self._links: list[Links] = []
+        self._links: list[MotionLinks] = []
         self._config = config
         self._body_camera = camera.T_body_camera
         self._mount = Mount(*(np.ascontiguousarray(camera.T_body_camera[:3, part]) for part in (slice(3), 3)))
+        self._outlying = _OUTLYING_LENS_ASSUMED if camera.distortion_is_assumed else _OUTLYING
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
 
     def begin(self, pose: FloatArray) -> None:
@@ -78,10 +82,12 @@ class Window:
         free, held = self._split()
         numbers = [*held, *free]
         window = np.array([self.poses[k] for k in numbers])
-        poses = Poses(window[:, :3, :3].copy(), window[:, :3, 3].copy(), len(held))
+        poses = WindowPoses(window[:, :3, :3].copy(), window[:, :3, 3].copy(), len(held))
         sights, seen = self._sights(tracks, numbers)
         corners = self._corners([tracks[j] for j in seen])
-        links = Links(*(np.array(part) for part in zip(*(self._links[k - 1] for k in free), strict=True)))
+        links = MotionLinks(
+            *(np.array(part) for part in zip(*(self._links[k - 1] for k in free), strict=True))
+        )
         poses, corners, sigma = adjusted(poses, self._mount, sights, corners, links)
         for k, rotation, place in zip(
             free, poses.rotation[len(held) :], poses.place[len(held) :], strict=True
@@ -123,7 +129,7 @@ class Window:
         counts = len(numbers) - first[seen]
         start = np.r_[0, np.cumsum(counts)]
         frame = np.arange(start[-1]) - np.repeat(start[1:], counts) + len(numbers)
-        return Sights(start, frame, ray[:, :2] / ray[:, 2:], weight), seen
+        return Sights(start, frame, ray[:, :2] / ray[:, 2:], weight, self._outlying), seen
 
     def _corners(self, tracks: list[Track]) -> Corners:
         """Return the corners from the place of the newest camera."""
@@ -147,7 +153,7 @@ class Window:
         listed: list[bool] = agree.tolist()
         return listed
 
-    def _link(self, guess: FloatArray, motion: RelativeMotion) -> Links:
+    def _link(self, guess: FloatArray, motion: RelativeMotion) -> MotionLinks:
         """Return the turn by gyro and the travel by wheels; unmeasured parts are almost free."""
         config = self._config
         relative = np.linalg.inv(self.poses[-1]) @ guess
@@ -160,7 +166,7 @@ class Window:
             shift = ahead @ [motion.travel_m, 0.0, 0.0]
             travel = abs(motion.travel_m)
             along_m, aside_m = config.wheel_sigma * travel + 0.002, config.lateral_sigma * travel + 0.005
-        return Links(turn, shift, ahead, np.array([turn_sigma, along_m, aside_m]))
+        return MotionLinks(turn, shift, ahead, np.array([turn_sigma, along_m, aside_m]))
 
 
 def half_turned(rotation: FloatArray) -> FloatArray:

@@ -19,7 +19,6 @@ from numba import njit
 
 from survey.core import FloatArray, IntArray
 
-_OUTLYING = 5.0  # standard deviations of a pixel, of Geman and McClure's loss
 # Wheels that disagree by more standard deviations are down-weighted: they slip. The first iterations give them more, so that
 # one step that slipped does not settle the scale for good.
 _SLIP_SIGMAS, _FIRST_SLIP_SIGMAS, _NARROWER = 3.0, 48.0, 0.25
@@ -31,7 +30,7 @@ _DAMPING, _LEAST_DAMPING = 1e-4, 1e-8
 _ENOUGH = 1e-3  # relative decrease of the cost below which the adjustment ends
 
 
-class Poses(NamedTuple):
+class WindowPoses(NamedTuple):
     """Rotations (W, 3, 3) and places (W, 3) of the body; the first `n_held` are held."""
 
     rotation: FloatArray
@@ -50,13 +49,15 @@ class Sights(NamedTuple):
     """Observations (N,), those of one corner together, oldest first.
 
     ``start`` (J + 1,): where those of each corner begin; ``frame``: pose of the window; ``plane`` (N, 2): where the ray
-    meets z = 1; ``weight``: one over the standard deviation on that plane.
+    meets z = 1; ``weight``: one over the standard deviation on that plane; ``outlying``: width of Geman and McClure's loss in
+    standard deviations.
     """
 
     start: IntArray
     frame: IntArray
     plane: FloatArray
     weight: FloatArray
+    outlying: float
 
 
 class Corners(NamedTuple):
@@ -67,7 +68,7 @@ class Corners(NamedTuple):
     origin: FloatArray
 
 
-class Links(NamedTuple):
+class MotionLinks(NamedTuple):
     """Motion to each free pose from the one before.
 
     ``turn`` (F, 3, 3) and ``shift`` (F, 3) [m] in the axes of the pose before; ``ahead`` (F, 3, 3): axes whose first is the
@@ -119,8 +120,8 @@ def log_rotation(rotation: FloatArray) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def adjusted(
-    poses: Poses, mount: Mount, sights: Sights, corners: Corners, links: Links
-) -> tuple[Poses, Corners, FloatArray]:
+    poses: WindowPoses, mount: Mount, sights: Sights, corners: Corners, links: MotionLinks
+) -> tuple[WindowPoses, Corners, FloatArray]:
     """Return poses and corners of least squared error, and the standard deviations (J,) of the inverse distances [1/m]."""
     _begin(poses, mount, sights, corners)
     damping, slip = _DAMPING, _FIRST_SLIP_SIGMAS
@@ -129,6 +130,9 @@ def adjusted(
         of_poses, right, coupling, inner, inner_right = _linearized(
             poses, mount, sights, corners, links, slip
         )
+        for j in range(len(inner)):
+            if corners.nearness[j] <= 0.0:
+                _hold_at_infinity(sights, j, inner, inner_right, coupling)
         for _ in range(_N_TRIES):
             step, shift = _step(of_poses, right, coupling, inner, inner_right, sights, poses.n_held, damping)
             moved = _moved_poses(poses, step)
@@ -142,11 +146,12 @@ def adjusted(
         if slip == _SLIP_SIGMAS and before - cost < _ENOUGH * before:
             break
         slip = max(_NARROWER * slip, _SLIP_SIGMAS)
-    return poses, corners, _nearness_sigma(poses, mount, sights, corners)
+    inner = _linearized(poses, mount, sights, corners, links, slip)[3]
+    return poses, corners, _nearness_sigma(inner)
 
 
 @njit(cache=True)
-def _cameras(poses: Poses, mount: Mount) -> tuple[FloatArray, FloatArray]:
+def _cameras(poses: WindowPoses, mount: Mount) -> tuple[FloatArray, FloatArray]:
     """Return rotations (W, 3, 3) and places (W, 3) of the cameras."""
     rotation, place = np.empty_like(poses.rotation), np.empty_like(poses.place)
     for k in range(len(rotation)):
@@ -161,7 +166,7 @@ def _cameras(poses: Poses, mount: Mount) -> tuple[FloatArray, FloatArray]:
 
 
 @njit(cache=True)
-def _begin(poses: Poses, mount: Mount, sights: Sights, corners: Corners) -> None:
+def _begin(poses: WindowPoses, mount: Mount, sights: Sights, corners: Corners) -> None:
     """Fill in first guesses: along the oldest ray, at the inverse distance that fits the others best."""
     rotation, place = _cameras(poses, mount)
     origin = corners.origin
@@ -170,7 +175,7 @@ def _begin(poses: Poses, mount: Mount, sights: Sights, corners: Corners) -> None
             continue
         first, above, below = sights.start[j], 0.0, _ANY
         f = sights.frame[first]
-        m0, m1, m2 = turned(rotation[f], sights.plane[first, 0], sights.plane[first, 1], 1.0)
+        m0, m1, m2 = rotated(rotation[f], sights.plane[first, 0], sights.plane[first, 1], 1.0)
         for i in range(first + 1, sights.start[j + 1]):
             k = sights.frame[i]
             u, v = sights.plane[i, 0], sights.plane[i, 1]
@@ -195,7 +200,7 @@ def _set_direction(direction: FloatArray, j: int, x: float, y: float, z: float) 
 
 
 @njit(cache=True)
-def turned(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+def rotated(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return R (x, y, z)."""
     return (
         rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
@@ -205,7 +210,9 @@ def turned(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, f
 
 
 @njit(cache=True)
-def _cost(poses: Poses, mount: Mount, sights: Sights, corners: Corners, links: Links, slip: float) -> float:
+def _cost(
+    poses: WindowPoses, mount: Mount, sights: Sights, corners: Corners, links: MotionLinks, slip: float
+) -> float:
     """Return twice the negative logarithm of the likelihood."""
     rotation, place = _cameras(poses, mount)
     cost = 0.0
@@ -217,9 +224,9 @@ def _cost(poses: Poses, mount: Mount, sights: Sights, corners: Corners, links: L
             if z > _LEAST_AHEAD:
                 off_x, off_y = x / z - sights.plane[i, 0], y / z - sights.plane[i, 1]
                 square = (off_x * off_x + off_y * off_y) * sights.weight[i] ** 2
-                cost += square / (1.0 + square / _OUTLYING**2)
+                cost += square / (1.0 + square / sights.outlying**2)
             else:
-                cost += _OUTLYING**2
+                cost += sights.outlying**2
     for n in range(len(links.sigma)):
         error = _link_errors(poses, links, n)
         cost += error[0] ** 2 + error[1] ** 2 + error[2] ** 2
@@ -250,7 +257,7 @@ def turned_back(rotation: FloatArray, x: float, y: float, z: float) -> tuple[flo
 
 
 @njit(cache=True)
-def _link_errors(poses: Poses, links: Links, n: int) -> FloatArray:
+def _link_errors(poses: WindowPoses, links: MotionLinks, n: int) -> FloatArray:
     """Return the normalized errors (6,) of the turn, and of the shift along and aside."""
     k = poses.n_held + n
     before, now, place = poses.rotation[k - 1], poses.rotation[k], poses.place
@@ -269,7 +276,7 @@ def _link_errors(poses: Poses, links: Links, n: int) -> FloatArray:
 
 @njit(cache=True)
 def _linearized(
-    poses: Poses, mount: Mount, sights: Sights, corners: Corners, links: Links, slip: float
+    poses: WindowPoses, mount: Mount, sights: Sights, corners: Corners, links: MotionLinks, slip: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the normal equations: poses (6F, 6F), (6F,), coupling (N, 6, 3), corners (J, 3, 3), (J, 3)."""
     n_free = len(poses.place) - poses.n_held
@@ -304,8 +311,6 @@ def _linearized(
             if k >= poses.n_held:
                 at = 6 * (k - poses.n_held)
                 _add_pose(of_poses, right, coupling[i], at, weight, error, by_pose, by_corner)
-        if corners.nearness[j] <= 0.0:
-            _hold_at_infinity(sights, j, inner, inner_right, coupling)
     for n in range(n_free):
         _add_link(of_poses, right, poses, links, n, slip)
     return of_poses, right, coupling, inner, inner_right
@@ -365,7 +370,8 @@ def _derivatives(
             by_corner[a, 0] += row[b] * basis[0, b]
             by_corner[a, 1] += row[b] * basis[1, b]
             by_corner[a, 2] += row[b] * (origin[b] - place[b])
-    return 1.0 / (1.0 + (error[0] ** 2 + error[1] ** 2) / _OUTLYING**2) ** 2
+    weight: float = 1.0 / (1.0 + (error[0] ** 2 + error[1] ** 2) / sights.outlying**2) ** 2
+    return weight
 
 
 @njit(cache=True)
@@ -416,7 +422,7 @@ def _hold_at_infinity(
 
 @njit(cache=True)
 def _add_link(
-    of_poses: FloatArray, right: FloatArray, poses: Poses, links: Links, n: int, slip: float
+    of_poses: FloatArray, right: FloatArray, poses: WindowPoses, links: MotionLinks, n: int, slip: float
 ) -> None:
     """Add the errors of one motion, with Cauchy's loss along and aside."""
     k = poses.n_held + n
@@ -546,20 +552,20 @@ def _corner_steps(
                 for a in range(6):
                     for b in range(3):
                         shift[j, b] -= coupling[i, a, b] * step[at + a]
-        x, y, z = turned(inverse[j], shift[j, 0], shift[j, 1], shift[j, 2])
+        x, y, z = rotated(inverse[j], shift[j, 0], shift[j, 1], shift[j, 2])
         shift[j, 0], shift[j, 1], shift[j, 2] = x, y, z
     return shift
 
 
 @njit(cache=True)
-def _moved_poses(poses: Poses, step: FloatArray) -> Poses:
+def _moved_poses(poses: WindowPoses, step: FloatArray) -> WindowPoses:
     rotation, place = poses.rotation.copy(), poses.place.copy()
     for k in range(poses.n_held, len(place)):
         at = 6 * (k - poses.n_held)
         rotation[k] = product(exp_rotation(step[at], step[at + 1], step[at + 2]), rotation[k])
         for a in range(3):
             place[k, a] += step[at + 3 + a]
-    return Poses(rotation, place, poses.n_held)
+    return WindowPoses(rotation, place, poses.n_held)
 
 
 @njit(cache=True)
@@ -575,31 +581,9 @@ def _moved_corners(corners: Corners, shift: FloatArray) -> Corners:
 
 
 @njit(cache=True)
-def _nearness_sigma(poses: Poses, mount: Mount, sights: Sights, corners: Corners) -> FloatArray:
+def _nearness_sigma(inner: FloatArray) -> FloatArray:
     """Return the standard deviations (J,) of the inverse distances, as if the poses were known [1/m]."""
-    rotation, place = _cameras(poses, mount)
-    sigma = np.empty(len(corners.nearness))
-    row, by_pose, by_corner, error = np.empty(3), np.empty((2, 6)), np.empty((2, 3)), np.empty(2)
-    for j in range(len(sigma)):
-        basis, inner, right = _tangents(corners.direction[j]), np.zeros((3, 3)), np.zeros(3)
-        inner[2, 2] = _ANY
-        for i in range(sights.start[j], sights.start[j + 1]):
-            k = sights.frame[i]
-            weight = _derivatives(
-                poses.place[k],
-                rotation[k],
-                place[k],
-                sights,
-                corners,
-                j,
-                i,
-                basis,
-                row,
-                error,
-                by_pose,
-                by_corner,
-            )
-            if weight > 0.0:
-                _add_corner(inner, right, weight, error, by_corner)
-        sigma[j] = np.sqrt(max(_inverse(inner, 0.0)[2, 2], 0.0))
+    sigma = np.empty(len(inner))
+    for j in range(len(inner)):
+        sigma[j] = np.sqrt(max(_inverse(inner[j], 0.0)[2, 2], 0.0))
     return sigma
