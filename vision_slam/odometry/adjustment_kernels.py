@@ -32,7 +32,7 @@ def seen_from_anchors(
 
 
 @njit(cache=True)
-def add_observations(  # noqa: PLR0917 - compiled functions take no keywords
+def add_observations(  # noqa: PLR0912, PLR0917 - compiled functions take no keywords, and inline their loops
     poses: FloatArray,
     points: FloatArray,
     first: IntArray,

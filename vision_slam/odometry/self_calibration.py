@@ -108,7 +108,7 @@ def estimate_lens(
     if turned_deg < _LEAST_TURN_DEG:
         return unknown_lens(camera, poses, f"the drive turns by {turned_deg:.0f}°"), path
     gain = _held_out_gain(drive, start, adjusted.geometry, adjustment, prior)
-    return _judged(camera, poses, adjusted.geometry.lens, path.lens_covariance, turned_deg, gain), path
+    return _judged(camera, poses, path, turned_deg, gain), path
 
 
 def _with_focal_length(near: Adjusted, adjustment: GlobalAdjustment) -> tuple[FloatArray, Adjusted]:
@@ -157,14 +157,10 @@ def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate
 
 
 def _judged(
-    camera: Camera,
-    poses: FloatArray,
-    lens: LensChange,
-    covariance: FloatArray,
-    turned_deg: float,
-    gain: float,
+    camera: Camera, poses: FloatArray, path: AdjustedPath, turned_deg: float, gain: float
 ) -> LensEstimate:
     """Accept an estimate, or state why the given lens is used."""
+    lens, covariance = path.lens, path.lens_covariance
     sigma = np.sqrt(np.diag(covariance))
     estimated = lens.applied(camera)
     if (sigma > _WELL_ABOVE * _ANY_LENS).any() or not _is_one_to_one(estimated):
