@@ -46,7 +46,7 @@ _LEAST_SIGHTS, _MOST_SIGHTS, _MOST_OBSERVATIONS = (
     60,
     250,
 )  # of a track, which is cut into parts; of one keyframe
-_FIRST_GATE_PX = 20.0  # of a lens that is not known
+_FIRST_GATE_PX, _FIRST_GATE = 20.0, 4.0  # of a track's largest residual, in pixels or over the median one
 _LEAST_TRACKS = 50
 
 
@@ -501,7 +501,8 @@ class DriveTracks(NamedTuple):
         off = np.linalg.norm(camera.project(local) - seen.pixel, axis=1)
         off[(local[:, 2] <= _LEAST_DEPTH) | ~np.isfinite(off)] = np.inf
         worst = np.maximum.reduceat(off, seen.first[:-1]) if len(points) else np.zeros(0)
-        fits = np.flatnonzero(worst < _FIRST_GATE_PX)
+        usual = float(np.median(worst[np.isfinite(worst)])) if np.isfinite(worst).any() else 0.0
+        fits = np.flatnonzero(worst < max(_FIRST_GATE_PX, _FIRST_GATE * usual))
         return cls(camera, eyes, seen.select(fits), points[fits])
 
     def geometry(self, lens: LensChange) -> Geometry:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -91,23 +92,22 @@ def estimate_lens(
         return unknown_lens(camera, poses, f"{len(drive.points)} corners have a known depth"), None
     factors, start = MotionFactors.of(poses, motions, config), drive.geometry(used)
 
-    first = GlobalAdjustment(camera, drive.seen, config.pixel_sigma, _CALIBRATED, factors)
-    near = first.solve(start).geometry
-    pixel_sigma = first.pixel_error(near)
-
-    def adjustment(seen: TrackPixels, prior: FloatArray) -> GlobalAdjustment:
+    def adjustment(seen: TrackPixels, prior: FloatArray, pixel_sigma: float) -> GlobalAdjustment:
         return GlobalAdjustment(camera, seen, pixel_sigma, prior, factors)
 
+    any_lens = adjustment(drive.seen, _ANY_LENS, config.pixel_sigma)
     if abs(used.log_focal) > _LEAST_FOCAL:
-        prior, adjusted = _ANY_LENS, adjustment(drive.seen, _ANY_LENS).solve(near)
+        prior, first = _ANY_LENS, any_lens.solve(start)
     else:
-        calibrated = adjustment(drive.seen, _CALIBRATED).solve(near)
-        prior, adjusted = _with_focal_length(calibrated, adjustment(drive.seen, _ANY_LENS))
-    final = adjustment(drive.seen, prior)
+        near = adjustment(drive.seen, _CALIBRATED, config.pixel_sigma).solve(start)
+        prior, first = _with_focal_length(near, any_lens)
+    sigma = any_lens.pixel_error(first.geometry)
+    final = adjustment(drive.seen, prior, sigma)
+    adjusted = final.solve(first.geometry)
     path = AdjustedPath.of(final, adjusted.geometry, camera)
     if turned_deg < _LEAST_TURN_DEG:
         return unknown_lens(camera, poses, f"the drive turns by {turned_deg:.0f}°"), path
-    gain = _held_out_gain(drive, start, adjusted.geometry, adjustment, prior)
+    gain = _held_out_gain(drive, start, adjusted.geometry, partial(adjustment, pixel_sigma=sigma), prior)
     return _judged(camera, poses, path, turned_deg, gain), path
 
 
