@@ -37,9 +37,7 @@ def _path(turn_deg: float, n: int = 30) -> FloatArray:
     return poses
 
 
-def _tracks(
-    real: Camera, poses: FloatArray, read_by: Camera = _GIVEN, noise_px: float = 0.3
-) -> list[Track]:
+def _tracks(real: Camera, poses: FloatArray, read_by: Camera = _GIVEN, noise_px: float = 0.3) -> list[Track]:
     """Tracks of points beside the path, drawn by the real lens with pixel noise, read by another one."""
     rng = np.random.default_rng(5)
     points = poses[rng.integers(0, len(poses), 1500), :3, 3] + rng.uniform(-1, 1, (1500, 3)) * [
