@@ -24,7 +24,8 @@ from vision_slam.odometry.adjustment_kernels import (
     eliminate_points,
     seen_from_anchors,
 )
-from vision_slam.odometry.tracks import EndedTrack, Track
+from vision_slam.odometry.landmarks import EndedTrack
+from vision_slam.odometry.tracks import Track
 
 _LEAST_DEPTH = 1e-3
 _OUTLYING = 2.5  # standard deviations, of Cauchy's loss

@@ -22,7 +22,8 @@ from vision_slam.odometry.global_adjustment import (
     TrackPixels,
     triangulated,
 )
-from vision_slam.odometry.tracks import EndedTrack, Track
+from vision_slam.odometry.landmarks import EndedTrack
+from vision_slam.odometry.tracks import Track
 
 # Prior errors of the logarithm of the focal length, of k1 and of k2: of a calibration whose distortion is unknown,
 # and of one whose focal length is too.

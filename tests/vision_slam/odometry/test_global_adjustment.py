@@ -12,8 +12,8 @@ from vision_slam.config import VisualOdometryConfig
 from vision_slam.evaluation import absolute_errors_m
 from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.global_adjustment import adjusted_path
+from vision_slam.odometry.landmarks import EndedTrack
 from vision_slam.odometry.self_calibration import estimate_lens
-from vision_slam.odometry.tracks import EndedTrack
 from vision_slam.readers.calibrations import FORWARD
 
 _MATRIX = np.array([[720.0, 0.0, 619.5], [0.0, 720.0, 187.5], [0.0, 0.0, 1.0]])
