@@ -19,7 +19,7 @@ from vision_slam.agreement.drive import Drive, check_images, measure_motion, pro
 from vision_slam.agreement.steps import STEPS, note_delay
 from vision_slam.config import LocalizationConfig, VisualOdometryConfig
 from vision_slam.drive_estimate import DriveEstimate, Localization
-from vision_slam.fusion.online import predicted_covariance
+from vision_slam.fusion.online import adjusted_covariance, predicted_covariance
 from vision_slam.fusion.smoother import SmoothedPath, ground_of_path, place_landmarks, smooth
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.wheel_odometry import wheel_odometry
@@ -185,13 +185,30 @@ def localize_images(
     visual = process_images(images, visual_config, progress)
     has_wheels = images.wheels is not None and not visual.ignores_wheels
     check_images(visual, has_wheels=has_wheels)
-    errors = (config or LocalizationConfig()).with_image_errors(visual.scale_drift_sigma)
+    settings = config or LocalizationConfig()
+    errors = settings.with_image_errors(visual.scale_drift_sigma)
     # Without wheels the scale is the unit of the path; with them it is theirs.
     scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT_SCALE_SIGMA
     errors = errors.model_copy(update={"scale_sigma": scale_sigma})
-    estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
-    note = visual.mounting_note(images.camera)
-    return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))
+    if visual.adjusted_covariance is None or images.inertial is not None:
+        covariance = predicted_covariance(visual.odometry, errors)
+    else:
+        own = scale_sigma if has_wheels and not images.scale_is_of_reference else 0.0
+        covariance = adjusted_covariance(visual, settings, own)
+    estimate = DriveEstimate.in_first_frame(visual, covariance)
+    notes = (visual.mounting_note(images.camera), _scale_note(estimate) if has_wheels else None)
+    return replace(estimate, notes=(*estimate.notes, *(note for note in notes if note is not None)))
+
+
+def _scale_note(estimate: DriveEstimate) -> str | None:
+    """Return the standard deviation of the scale, by that of the farthest pose in its direction from the first."""
+    away = estimate.position - estimate.position[0]
+    farthest = int(np.argmax(np.linalg.norm(away, axis=1)))
+    square = float(away[farthest] @ away[farthest])
+    if square <= 0.0 or estimate.own_covariance is None:
+        return None
+    sigma = float(np.sqrt(away[farthest] @ estimate.own_covariance[farthest] @ away[farthest])) / square
+    return f"the scale of the path has a standard deviation of {100.0 * sigma:.1f} %"
 
 
 def _localize_wheels(records: MotionRecords, config: LocalizationConfig) -> DriveEstimate:

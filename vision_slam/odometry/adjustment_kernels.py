@@ -32,7 +32,39 @@ def seen_from_anchors(
 
 
 @njit(cache=True)
-def add_observations(  # noqa: PLR0917 - compiled functions take no keywords
+def _write_slopes(  # noqa: PLR0917
+    pose: FloatArray,
+    anchor: FloatArray,
+    point: FloatArray,
+    by_local: FloatArray,
+    local: FloatArray,
+    by_depth: FloatArray,
+    by_pose: FloatArray,
+    by_anchor: FloatArray,
+    by_point: FloatArray,
+) -> None:
+    """Write how a pixel changes with its own pose and that of the anchor (2, 6), and with the point (2, 3)."""
+    x, y, z = local[0], local[1], local[2]
+    u, v, rho = point[0], point[1], point[2]
+    for r in range(2):
+        s0, s1, s2 = by_local[r, 0], by_local[r, 1], by_local[r, 2]
+        by_pose[r, 0], by_pose[r, 1], by_pose[r, 2] = s1 * z - s2 * y, s2 * x - s0 * z, s0 * y - s1 * x
+        c0, c1, c2 = 0.0, 0.0, 0.0
+        for q in range(3):
+            in_world = s0 * pose[q, 0] + s1 * pose[q, 1] + s2 * pose[q, 2]
+            by_pose[r, 3 + q], by_anchor[r, 3 + q] = -rho * in_world, rho * in_world
+            c0, c1, c2 = (
+                c0 + in_world * anchor[q, 0],
+                c1 + in_world * anchor[q, 1],
+                c2 + in_world * anchor[q, 2],
+            )
+        by_anchor[r, 0], by_anchor[r, 1], by_anchor[r, 2] = c2 * v - c1, c0 - c2 * u, c1 * u - c0 * v
+        by_point[r, 0], by_point[r, 1] = c0, c1
+        by_point[r, 2] = s0 * by_depth[0] + s1 * by_depth[1] + s2 * by_depth[2]
+
+
+@njit(cache=True)
+def add_observations(  # noqa: PLR0912, PLR0917 - compiled functions take no keywords, and inline their loops
     poses: FloatArray,
     points: FloatArray,
     first: IntArray,
@@ -60,37 +92,23 @@ def add_observations(  # noqa: PLR0917 - compiled functions take no keywords
     lens_point, g_of_lens = np.zeros((n_points, 3, 3)), np.zeros((n_points, 3))
     pose_point, g_of_pose = np.zeros((n_all, 6, 3)), np.zeros((n_all, 6))
     by_pose, by_anchor = np.zeros((2, 6)), np.zeros((2, 6))
-    by_point, relative = np.zeros((2, 3)), np.zeros((3, 3))
+    by_point = np.zeros((2, 3))
     for j in range(n_points):
-        start, rho = first[j], points[j, 2]
+        start = first[j]
         a = keyframe[start]
         for n in range(start, first[j + 1]):
             k, w = keyframe[n], weight[n]
-            for p in range(3):
-                for q in range(3):
-                    relative[p, q] = (
-                        poses[k, 0, p] * poses[a, 0, q]
-                        + poses[k, 1, p] * poses[a, 1, q]
-                        + poses[k, 2, p] * poses[a, 2, q]
-                    )
-            for r in range(2):
-                s0, s1, s2 = by_local[n, r, 0], by_local[n, r, 1], by_local[n, r, 2]
-                x, y, z = local[n, 0], local[n, 1], local[n, 2]
-                by_pose[r, 0], by_pose[r, 1], by_pose[r, 2] = (
-                    s1 * z - s2 * y,
-                    s2 * x - s0 * z,
-                    s0 * y - s1 * x,
-                )
-                c0 = s0 * relative[0, 0] + s1 * relative[1, 0] + s2 * relative[2, 0]
-                c1 = s0 * relative[0, 1] + s1 * relative[1, 1] + s2 * relative[2, 1]
-                c2 = s0 * relative[0, 2] + s1 * relative[1, 2] + s2 * relative[2, 2]
-                u, v = points[j, 0], points[j, 1]
-                by_anchor[r, 0], by_anchor[r, 1], by_anchor[r, 2] = c2 * v - c1, c0 - c2 * u, c1 * u - c0 * v
-                by_point[r, 0], by_point[r, 1] = c0, c1
-                by_point[r, 2] = s0 * by_depth[n, 0] + s1 * by_depth[n, 1] + s2 * by_depth[n, 2]
-                for q in range(3):
-                    shift = rho * (s0 * poses[k, q, 0] + s1 * poses[k, q, 1] + s2 * poses[k, q, 2])
-                    by_pose[r, 3 + q], by_anchor[r, 3 + q] = -shift, shift
+            _write_slopes(
+                poses[k],
+                poses[a],
+                points[j],
+                by_local[n],
+                local[n],
+                by_depth[n],
+                by_pose,
+                by_anchor,
+                by_point,
+            )
             for r in range(2):
                 e = error[n, r]
                 for p in range(3):

@@ -15,7 +15,7 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.spatial.transform import Rotation
 
 from survey import Camera
-from survey.core import FloatArray, IntArray, stream
+from survey.core import BoolArray, FloatArray, IntArray, stream
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
 from vision_slam.odometry.adjustment_kernels import (
@@ -24,7 +24,8 @@ from vision_slam.odometry.adjustment_kernels import (
     eliminate_points,
     seen_from_anchors,
 )
-from vision_slam.odometry.tracks import EndedTrack, Track
+from vision_slam.odometry.landmarks import EndedTrack
+from vision_slam.odometry.tracks import Track
 
 _LEAST_DEPTH = 1e-3
 _OUTLYING = 2.5  # standard deviations, of Cauchy's loss
@@ -46,7 +47,7 @@ _LEAST_SIGHTS, _MOST_SIGHTS, _MOST_OBSERVATIONS = (
     60,
     250,
 )  # of a track, which is cut into parts; of one keyframe
-_FIRST_GATE_PX = 20.0  # of a lens that is not known
+_FIRST_GATE_PX, _FIRST_GATE = 20.0, 4.0  # of a track's largest residual, in pixels or over the median one
 _LEAST_TRACKS = 50
 
 
@@ -237,7 +238,8 @@ class GlobalAdjustment:
     def costs(self, state: Geometry) -> FloatArray:
         """Return the robust cost of each track (J,)."""
         loss = _OUTLYING**2 * np.log1p(self._squares(state) / _OUTLYING**2)
-        return np.bincount(self._track, loss, minlength=len(state.points))
+        costs: FloatArray = np.bincount(self._track, loss, minlength=len(state.points)).astype(np.float64)
+        return costs
 
     def with_points(self, state: Geometry, n_iterations: int = 8) -> Geometry:
         """Adjust the points alone."""
@@ -258,7 +260,8 @@ class GlobalAdjustment:
             damping = np.where(better, 0.2 * damping, 8.0 * damping)
         return state
 
-    def _local(self, state: Geometry):
+    def _local(self, state: Geometry) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the points in their cameras (N, 3), how these change with inverse depth (N, 3), and which lie ahead."""
         local, by_depth = seen_from_anchors(state.poses, state.points, self._seen.first, self._seen.keyframe)
         ahead = local[:, 2] > _LEAST_DEPTH
         local[~ahead] = [0.0, 0.0, 1.0]
@@ -274,10 +277,12 @@ class GlobalAdjustment:
         motions = (turn_off**2).sum() + _OUTLYING**2 * np.log1p(step_off**2 / _OUTLYING**2).sum()
         return float(motions + (self._prior * np.array(state.lens) ** 2).sum())
 
-    def _bodies(self, poses):
+    def _bodies(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotations and positions of the body."""
         return poses[:, :3, :3] @ self._turn.T, poses[:, :3, 3] + poses[:, :3, :3] @ self._lever
 
-    def _motion_errors(self, state):
+    def _motion_errors(self, state: Geometry) -> tuple[FloatArray, FloatArray]:
+        """Return the errors of turns and steps (K - 1, 3) over their standard deviations."""
         turn, place = self._bodies(state.poses)
         relative = turn[:-1].transpose(0, 2, 1) @ turn[1:]
         step = np.einsum("kji,kj->ki", turn[:-1], np.diff(place, axis=0))
@@ -302,7 +307,8 @@ class GlobalAdjustment:
         self._hold(band, state)
         return _Equations(band, pose_lens, lens, g_pose, g_lens, *parts)
 
-    def _add_motions(self, band, g_pose, state):
+    def _add_motions(self, band: FloatArray, g_pose: FloatArray, state: Geometry) -> None:
+        """Add turns by gyro and steps by wheels, these with the weight that Cauchy's loss leaves them."""
         turn_off, step_off = self._motion_errors(state)
         turn, place = self._bodies(state.poses)
         n = len(turn) - 1
@@ -323,11 +329,11 @@ class GlobalAdjustment:
         blocks = np.einsum("kri,kr,krj->kij", slope, weight, slope)
         gradient = -np.einsum("kri,kr,kr->ki", slope, weight, off)
         for row in range(12):
-            np.add.at(g_pose, 6 * np.arange(n) + row, gradient[:, row])
+            g_pose[row : row + 6 * n : 6] += gradient[:, row]
             for column in range(row + 1):
-                np.add.at(band, (6 * np.arange(n) + column, row - column), blocks[:, row, column])
+                band[column : column + 6 * n : 6, row - column] += blocks[:, row, column]
 
-    def _hold(self, band, state):
+    def _hold(self, band: FloatArray, state: Geometry) -> None:
         """Hold the first pose, and without wheels the distance from it to the farthest keyframe of the first tracks."""
         band[np.arange(6), 0] += _HELD_INFORMATION
         if self._motions.have_scale:
@@ -405,7 +411,8 @@ class GlobalAdjustment:
         drawn[-3:] += _CORRELATED * by_prior * self._is_free[:, None]
         lens = np.linalg.solve(factor.lens, drawn[-3:] - factor.of_lens.T @ drawn[:-3])
         poses = cho_solve_banded((factor.band, True), drawn[:-3], check_finite=False) - factor.of_lens @ lens
-        return poses.T.reshape(_N_DRAWN, -1, 6), lens.T
+        by_draw: FloatArray = np.asarray(poses, dtype=np.float64).T.reshape(_N_DRAWN, -1, 6)
+        return by_draw, np.asarray(lens, dtype=np.float64).T
 
 
 def _moved_points(points: FloatArray, shift: FloatArray) -> FloatArray:
@@ -501,7 +508,8 @@ class DriveTracks(NamedTuple):
         off = np.linalg.norm(camera.project(local) - seen.pixel, axis=1)
         off[(local[:, 2] <= _LEAST_DEPTH) | ~np.isfinite(off)] = np.inf
         worst = np.maximum.reduceat(off, seen.first[:-1]) if len(points) else np.zeros(0)
-        fits = np.flatnonzero(worst < _FIRST_GATE_PX)
+        usual = float(np.median(worst[np.isfinite(worst)])) if np.isfinite(worst).any() else 0.0
+        fits = np.flatnonzero(worst < max(_FIRST_GATE_PX, _FIRST_GATE * usual))
         return cls(camera, eyes, seen.select(fits), points[fits])
 
     def geometry(self, lens: LensChange) -> Geometry:
@@ -532,7 +540,7 @@ class AdjustedPath(NamedTuple):
     def of(cls, adjustment: GlobalAdjustment, found: Geometry, camera: Camera) -> "AdjustedPath":
         """Return the path of an adjusted geometry with its covariance."""
         errors, lens = adjustment.errors(found)
-        back = np.linalg.inv(camera.T_body_camera)
+        back: FloatArray = np.asarray(np.linalg.inv(camera.T_body_camera), dtype=np.float64)
         swing = found.poses[:, :3, :3] @ _skew(back[None, :3, 3])
         moved = errors[:, :, 3:] - np.einsum("kij,skj->ski", swing, errors[:, :, :3])
         covariance = np.einsum("ski,skj->kij", moved, moved) / len(moved)

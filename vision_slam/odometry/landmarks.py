@@ -7,7 +7,7 @@ over more than 12 m.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,11 +17,26 @@ from survey import Camera
 from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.sensors.odometry import Sightings
 from vision_slam.config import VisualOdometryConfig
-from vision_slam.odometry.tracks import EndedTrack, Track
+from vision_slam.odometry.tracks import Track
 
 _LEAST_LANDMARK_SIGHTS = 4
 _GREATEST_RANGE_M = 60.0
 _GREATEST_ERROR_PX = 1.5
+
+
+class EndedTrack(NamedTuple):
+    """Observations of a corner that is not followed any more: keyframes (N,), unit rays (N, 3), and whether it is far."""
+
+    keyframes: IntArray
+    rays: FloatArray
+    is_far: bool
+
+    @classmethod
+    def of(cls, track: Track) -> "EndedTrack":
+        """Return the observations of a track in less memory."""
+        return cls(
+            np.array(track.keyframes, dtype=np.int64), np.array(track.rays).reshape(-1, 3), track.is_far
+        )
 
 
 class LandmarkTriangulator:

@@ -14,7 +14,7 @@ from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import MotionSensors
 from vision_slam.odometry.global_adjustment import UNCHANGED, LensChange, adjusted_path
 from vision_slam.odometry.health import IDLE_WHEELS, FrameHealth, bridged_errors, is_lost
-from vision_slam.odometry.landmarks import FarFeatures, LandmarkTriangulator
+from vision_slam.odometry.landmarks import EndedTrack, FarFeatures, LandmarkTriangulator
 from vision_slam.odometry.scale_drift import (
     bridge_scale_jumps,
     camera_height_ratio,
@@ -25,7 +25,6 @@ from vision_slam.odometry.scale_drift import (
 )
 from vision_slam.odometry.self_calibration import LensEstimate, estimate_lens
 from vision_slam.odometry.sensor_checks import mounting_note
-from vision_slam.odometry.tracks import EndedTrack
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.readers.sequence import VisionRecords
 

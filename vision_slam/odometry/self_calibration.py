@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from vision_slam.odometry.global_adjustment import (
     TrackPixels,
     triangulated,
 )
-from vision_slam.odometry.tracks import EndedTrack, Track
+from vision_slam.odometry.landmarks import EndedTrack
+from vision_slam.odometry.tracks import Track
 
 # Prior errors of the logarithm of the focal length, of k1 and of k2: of a calibration whose distortion is unknown,
 # and of one whose focal length is too.
@@ -91,24 +93,23 @@ def estimate_lens(
         return unknown_lens(camera, poses, f"{len(drive.points)} corners have a known depth"), None
     factors, start = MotionFactors.of(poses, motions, config), drive.geometry(used)
 
-    first = GlobalAdjustment(camera, drive.seen, config.pixel_sigma, _CALIBRATED, factors)
-    near = first.solve(start).geometry
-    pixel_sigma = first.pixel_error(near)
-
-    def adjustment(seen: TrackPixels, prior: FloatArray) -> GlobalAdjustment:
+    def adjustment(seen: TrackPixels, prior: FloatArray, pixel_sigma: float) -> GlobalAdjustment:
         return GlobalAdjustment(camera, seen, pixel_sigma, prior, factors)
 
+    any_lens = adjustment(drive.seen, _ANY_LENS, config.pixel_sigma)
     if abs(used.log_focal) > _LEAST_FOCAL:
-        prior, adjusted = _ANY_LENS, adjustment(drive.seen, _ANY_LENS).solve(near)
+        prior, first = _ANY_LENS, any_lens.solve(start)
     else:
-        calibrated = adjustment(drive.seen, _CALIBRATED).solve(near)
-        prior, adjusted = _with_focal_length(calibrated, adjustment(drive.seen, _ANY_LENS))
-    final = adjustment(drive.seen, prior)
+        near = adjustment(drive.seen, _CALIBRATED, config.pixel_sigma).solve(start)
+        prior, first = _with_focal_length(near, any_lens)
+    sigma = any_lens.pixel_error(first.geometry)
+    final = adjustment(drive.seen, prior, sigma)
+    adjusted = final.solve(first.geometry)
     path = AdjustedPath.of(final, adjusted.geometry, camera)
     if turned_deg < _LEAST_TURN_DEG:
         return unknown_lens(camera, poses, f"the drive turns by {turned_deg:.0f}°"), path
-    gain = _held_out_gain(drive, start, adjusted.geometry, adjustment, prior)
-    return _judged(camera, poses, adjusted.geometry.lens, path.lens_covariance, turned_deg, gain), path
+    gain = _held_out_gain(drive, start, adjusted.geometry, partial(adjustment, pixel_sigma=sigma), prior)
+    return _judged(camera, poses, path, turned_deg, gain), path
 
 
 def _with_focal_length(near: Adjusted, adjustment: GlobalAdjustment) -> tuple[FloatArray, Adjusted]:
@@ -157,14 +158,10 @@ def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate
 
 
 def _judged(
-    camera: Camera,
-    poses: FloatArray,
-    lens: LensChange,
-    covariance: FloatArray,
-    turned_deg: float,
-    gain: float,
+    camera: Camera, poses: FloatArray, path: AdjustedPath, turned_deg: float, gain: float
 ) -> LensEstimate:
     """Accept an estimate, or state why the given lens is used."""
+    lens, covariance = path.lens, path.lens_covariance
     sigma = np.sqrt(np.diag(covariance))
     estimated = lens.applied(camera)
     if (sigma > _WELL_ABOVE * _ANY_LENS).any() or not _is_one_to_one(estimated):

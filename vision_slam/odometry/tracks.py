@@ -2,18 +2,17 @@
 
 `ContrastEnhancer` applies CLAHE, and `ExposureCompensation` undoes steps of the exposure between images. `detect` finds
 corners with an absolute threshold and an even spread over the image. `track_corners` follows them from image to image, forward
-and backward; `epipolar_motion` rejects outliers by the essential matrix. A `Track` holds the observations of one corner, an
-`EndedTrack` those of one that is not followed any more.
+and backward; `epipolar_motion` rejects outliers by the essential matrix. A `Track` holds the observations of one corner.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import BoolArray, FloatArray, InputError, IntArray
+from survey.core import BoolArray, FloatArray, InputError
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 
@@ -275,21 +274,6 @@ class Track:
         """Add an observation from a keyframe."""
         self.keyframes.append(keyframe)
         self.rays.append(ray)
-
-
-class EndedTrack(NamedTuple):
-    """Observations of a corner that is not followed any more: keyframes (N,), unit rays (N, 3), and whether it is far."""
-
-    keyframes: IntArray
-    rays: FloatArray
-    is_far: bool
-
-    @classmethod
-    def of(cls, track: Track) -> "EndedTrack":
-        """Return the observations of a track in less memory."""
-        return cls(
-            np.array(track.keyframes, dtype=np.int64), np.array(track.rays).reshape(-1, 3), track.is_far
-        )
 
 
 def track_corners(

@@ -256,7 +256,8 @@ class ImageSequence:
     `camera`: calibration and mounting. `frames`: images with times. `wheels`, `inertial`, `compass`: other
     sensors. `reference_time_s`, `reference` (R,) and (R, 4, 4): reference poses, body to the frame of the
     reference. Localization does not use them, except in `scale_by_reference`. `gps`: fixes of the same
-    recording. `notes`: what the reader did or assumed, one sentence each.
+    recording. `notes`: what the reader did or assumed, one sentence each. `scale_is_of_reference`: whether
+    `wheels` are the first metres of the reference.
     """
 
     camera: Camera
@@ -268,6 +269,7 @@ class ImageSequence:
     reference: FloatArray | None = None
     gps: GpsLog | None = None
     notes: tuple[str, ...] = ()
+    scale_is_of_reference: bool = False
 
     @property
     def time_s(self) -> FloatArray:
@@ -331,7 +333,7 @@ def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSeque
         :n
     ]  # wheels count back where a body reverses
     odometer = Wheels(sequence.reference_time_s[:n], rolled, rolled)
-    return replace(sequence, wheels=odometer)
+    return replace(sequence, wheels=odometer, scale_is_of_reference=True)
 
 
 def georeference(
