@@ -38,7 +38,7 @@ _PYTHON = os.environ.get("FIRNLINE_PEERS", sys.executable)
 _SCRIPT = Path(__file__).with_name("peer_script.py")
 _HERE = "benchmarks/peers_in_vision"
 _CODE_OF = {
-    OURS: ("vision_slam", f"{_HERE}/drives.py"),
+    OURS: ("vision_slam", f"{_HERE}/drives.py", f"{_HERE}/programs.py"),
     OPENCV: (f"{_HERE}/opencv_odometry.py", f"{_HERE}/drives.py"),
     ORB_SLAM3: (f"{_HERE}/peer_script.py", f"{_HERE}/vocabulary.py", f"{_HERE}/drives.py"),
     COLMAP: (f"{_HERE}/peer_script.py", f"{_HERE}/drives.py"),
