@@ -375,7 +375,7 @@ def test_ambiguous_topics_and_wrong_sizes_in_a_bag_are_refused(tmp_path: Path, c
         read_bag(tmp_path / "two", ["/right/image_raw"])
     with second_bag(tmp_path / "blind") as bag:
         bag.calibration("/camera_info")
-    with pytest.raises(InputError, match="neither images .* nor wheels .* nor fixes .*name another bag"):
+    with pytest.raises(InputError, match=r"neither images .* nor wheels .* nor fixes .*name another bag"):
         read_bag(tmp_path / "blind")
     with second_bag(tmp_path / "bare") as bag:
         bag.image("/image", 1.0, NOISE[0], "mono8")
@@ -397,7 +397,7 @@ def test_a_bag_without_images_is_localized_by_what_it_has(tmp_path: Path, kinds:
             if "inertial" in kinds:
                 bag.inertial(1.0 + 0.1 * k, "base_link", turn=0.0, up=9.81)
             if "fix" in kinds and k % 10 == 0:
-                bag.fix(1.0 + 0.1 * k, 58.4 + 0.1 * k / 111_400.0)
+                bag.fix(1.0 + 0.1 * k, 58.4 + 0.1 * k / 111_400.0, 0)
     estimate = open_recording(tmp_path / "rover").localize()
     travel_m = float(np.linalg.norm(estimate.position[-1] - estimate.position[0]))
     assert travel_m == pytest.approx(39.9, abs=1.0)
