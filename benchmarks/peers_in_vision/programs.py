@@ -45,7 +45,7 @@ _CODE_OF = {
 }
 # ORB-SLAM3 maps in a thread of its own, and no two of its runs are alike: the run with the median error counts.
 _RUNS_ON_STREETS = {ORB_SLAM3: 3}
-# COLMAP takes minutes for images that are closer, and matches these no worse [s].
+# COLMAP gets images at least so far apart, for closer ones take it minutes more [s].
 _COLMAP_STEP_S = 0.19
 _VOCABULARY_EVERY = 6
 _WARM_UP = 12
