@@ -13,6 +13,7 @@ from survey.data.camera import Camera
 from survey.data.frames import Image
 
 _N_CORNERS, _APART_PX, _BACK_PX = 1200, 8.0, 0.7
+_PALE = 30.0  # standard deviation of grey values below which contrast is enhanced
 _FIRST_FLOW_PX, _LEAST_INLIERS, _GATE_PX = 15.0, 15, 1.5
 _LEAST_ANGLE_RAD, _LEAST_TRIANGULATED = np.radians(1.0), 60
 
@@ -31,8 +32,9 @@ class OpenCvOdometry:
 
     def add(self, image: Image) -> FloatArray | None:
         """Return the pose (4, 4) of the camera at an image in the frame of the first; None where it is lost."""
-        image = self._clahe.apply(image)
-        if self._image is not None:
+        if image.std() < _PALE:
+            image = self._clahe.apply(image)
+        if self._image is not None and len(self._uv):
             self._track(image)
         self._image = image
         found = self._resected() if self._has_scale else self._first_step()

@@ -38,14 +38,14 @@ _PYTHON = os.environ.get("FIRNLINE_PEERS", sys.executable)
 _SCRIPT = Path(__file__).with_name("peer_script.py")
 _HERE = "benchmarks/peers_in_vision"
 _CODE_OF = {
-    OURS: ("vision_slam", f"{_HERE}/drives.py"),
+    OURS: ("vision_slam", f"{_HERE}/drives.py", f"{_HERE}/programs.py"),
     OPENCV: (f"{_HERE}/opencv_odometry.py", f"{_HERE}/drives.py"),
     ORB_SLAM3: (f"{_HERE}/peer_script.py", f"{_HERE}/vocabulary.py", f"{_HERE}/drives.py"),
     COLMAP: (f"{_HERE}/peer_script.py", f"{_HERE}/drives.py"),
 }
 # ORB-SLAM3 maps in a thread of its own, and no two of its runs are alike: the run with the median error counts.
 _RUNS_ON_STREETS = {ORB_SLAM3: 3}
-# COLMAP takes minutes for images that are closer, and matches these no worse [s].
+# COLMAP gets images at least so far apart, for closer ones take it minutes more [s].
 _COLMAP_STEP_S = 0.19
 _VOCABULARY_EVERY = 6
 _WARM_UP = 12
