@@ -43,12 +43,12 @@ from survey.reconstruction.mapping import map_landmarks
 
 _SWATHS = (4, 8)
 _FAMILIES = (
+    "fractional_brownian",
     "matern-3/2",
     "matern-5/2",
     "squared-exponential",
     "gaussian_hills",
     "diamond_square",
-    "fractional_brownian",
 )
 _N_RANDOM = int(os.environ.get("FIRNLINE_PREDICTED_RANDOM", len(_FAMILIES)))
 _RANDOM = {"source": "random", "size_m": 240.0, "length_scale_m": 60.0, "micro_relief_sd_m": 0.1}
@@ -90,7 +90,7 @@ def _cases() -> Iterator[Case]:
         for k, window in enumerate((0, len(windows(name)) - 1)):
             yield Case(name, window, f"{_SWATHS[(turn + k) % 2]} swaths", "product")
     for turn, family in enumerate(_FAMILIES[:_N_RANDOM]):
-        k = (turn + 1) // 2 % 2
+        k = (turn + 1) % 2
         yield Case(family, k, f"{_SWATHS[k]} swaths", "product")
 
 
