@@ -52,8 +52,8 @@ def watch_header(watch: SurveyWatch) -> dict[str, Any]:
 
 def _prior_as_lists(prior: Dem, sigma_m: float) -> dict[str, Any]:
     """Return a prior as lists of numbers, None where a cell is unknown, with the deviation of a cell [m]."""
-    heights = np.where(np.isfinite(prior.elevation), prior.elevation, None)
-    return {"sigma_m": sigma_m, "transform": list(prior.transform)[:6], "elevation_m": heights.tolist()}
+    heights = [[z if np.isfinite(z) else None for z in row] for row in prior.elevation.tolist()]
+    return {"sigma_m": sigma_m, "transform": list(prior.transform)[:6], "elevation_m": heights}
 
 
 def watch_of(heading: dict[str, Any]) -> SurveyWatch:

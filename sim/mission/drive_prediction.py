@@ -22,9 +22,8 @@ from sim.mission.localization import localize_recording
 from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
-from survey import ConfigError, Dem, Grid, Route, SurfacePoints
-from survey.core import FloatArray
-from survey.data import PathError
+from survey.core import ConfigError, FloatArray
+from survey.data import Dem, Grid, PathError, Route, SurfacePoints
 from survey.reconstruction.joint.shared_errors import LandmarkErrors, height_levers, keyframes_of
 
 # Patches of ground whose landmarks' shared errors are taken as a whole.
