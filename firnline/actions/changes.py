@@ -306,6 +306,7 @@ def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
             f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
             "compare their maps instead."
         )
+    assert request.outline is not None
     outlines = read_outlines(request.outline, crs, request.select)
     bounds = shapely.union_all(list(outlines.values())).bounds
     return change_of_models(new, old, outlines, survey.Grid.over(bounds, request.step_m, crs)), outlines

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
@@ -25,7 +25,7 @@ _LEAST_COMMON = 0.3
 _SMOOTHED_CELLS = 2.0
 # Curvatures beyond these percentiles of the unchanged ground are taken for those.
 _CURVATURE_LIMITS = (1.0, 99.0)
-TERMS = (
+TERMS: tuple[str, ...] = (
     "east_m", "north_m", "up_m", "tilt_east_m_per_km", "tilt_north_m_per_km", "curvature_bias_m2",
 )  # fmt: skip
 """Names of the terms of an alignment, in the order of the columns of its design."""
@@ -136,13 +136,14 @@ class _Fit:
         self.stable = np.isfinite(reference.elevation) & (True if stable is None else stable)
         self.root = np.ones(reference.shape) if weights is None else np.sqrt(weights)
         to_east, to_north = reference.gradient()
-        self.values = dict.fromkeys(TERMS, 0.0)
+        self.values: dict[str, Any] = dict.fromkeys(TERMS, 0.0)
         self.n = 0
         self.before = self._moved()[self.stable]
         level = np.ones(reference.shape)
-        self.sees_shift = self._is_common(lambda smooth: np.gradient(smooth, reference.step_m))
+        self.sees_shift = self._is_common(lambda smooth: [*np.gradient(smooth, reference.step_m)])
         if self.sees_shift:
-            self.columns, self.terms = np.stack([-to_east, -to_north, level]), TERMS[:3]
+            self.columns: FloatArray = np.stack([-to_east, -to_north, level])
+            self.terms = TERMS[:3]
         else:
             self.columns, self.terms = level[None], TERMS[2:3]
 
@@ -177,7 +178,8 @@ class _Fit:
         used = self.stable & np.isfinite(rest) & np.isfinite(self.columns).all(axis=0)
         if used.sum() < _N_LEAST:
             raise InputError(
-                f"{int(used.sum())} cells of unchanged ground are common to both elevation models; {_N_LEAST} are needed to align them, name more of it or leave the alignment out."
+                f"{int(used.sum())} cells of unchanged ground are common to both elevation models; {_N_LEAST} are needed to align them, "
+                "name more of it or leave the alignment out."
             )
         far = np.abs(rest - np.median(rest[used]))
         used &= far <= _TRIMMED * max(_nmad(rest[used]), 1e-9)
