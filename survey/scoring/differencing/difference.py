@@ -137,7 +137,8 @@ def change(
     compared = _Compared.of(reference, old, relative, ground, is_aligned=align, is_levelled=level)
     notes = _stable_notes(has_ground=bool(outlines) or stable is not None, uses_it=align or level)
     found = _change(compared, relative, ground)
-    found = replace(found, notes=(*found.notes, *notes))
+    datums = datum_notes(new.vertical_datum, old.vertical_datum)
+    found = replace(found, notes=(*datums, *found.notes, *notes))
     if flow is None:
         return found
     followed = {one.name: outlines[one.name] for one in found.volumes}
@@ -210,7 +211,6 @@ def _change(compared: _Compared, relative: FloatArray, ground: ComparedGround) -
         alignment,
         variogram,
         (
-            *datum_notes(levelled.vertical_datum),
             *_copy_notes(heights[known & ground.stable]),
             *_offset_notes(offset),
             *_level_notes(level),

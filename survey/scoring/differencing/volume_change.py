@@ -461,11 +461,13 @@ def ground_step_m(dem: Dem) -> float:
 _MAPPED = 0.99
 
 
-def datum_notes(*datums: str) -> tuple[str, ...]:
-    """Return a note where a survey states no vertical datum."""
-    if all(datums):
-        return ()
-    return ("a survey does not state its vertical datum; check that both count from the same",)
+def datum_notes(later: str, earlier: str) -> tuple[str, ...]:
+    """Return a note for each survey that states no vertical datum."""
+    return tuple(
+        f"the {name} survey does not state its vertical datum; check that both count from the same"
+        for name, datum in (("later", later), ("earlier", earlier))
+        if not datum
+    )
 
 
 def scale_notes(dem: Dem) -> tuple[str, ...]:
