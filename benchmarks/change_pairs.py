@@ -28,7 +28,7 @@ from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.scoring.accuracy import NMAD_FACTOR
 from survey.scoring.differencing.change_files import read_outlines
-from survey.scoring.differencing.coregistration import coregister
+from survey.scoring.differencing.coregistration import align
 from survey.scoring.differencing.difference import change
 from survey.scoring.differencing.volume_change import Change, Outlines
 
@@ -113,7 +113,7 @@ def _compared(pair: _Pair) -> Iterator[Row]:
     stable = _stable(found, pair.outlines)
     rest = found.difference.elevation[stable]
     yield Row.of(f"{pair.name}: median of unchanged ground", abs(float(np.median(rest))), "m", "<=", 0.02)
-    shift = coregister(pair.earlier, pair.later, stable)
+    shift = align(pair.earlier, pair.later, stable, only_shift=True).alignment
     place = pair.earlier.transform @ Affine.translation(
         shift.east_m / pair.earlier.step_m, -shift.north_m / pair.earlier.step_m
     )

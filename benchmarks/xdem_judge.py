@@ -11,7 +11,7 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.dem import Dem
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.differencing.coregistration import coregister
+from survey.scoring.differencing.coregistration import align
 
 if TYPE_CHECKING:
     import xdem
@@ -54,7 +54,7 @@ def agreement(data: Path) -> tuple[float, float, float]:
         (ours.nmad_m, nmad),
     )
     apart = max(abs(a / float(b) - 1.0) for a, b in pairs)
-    shift = coregister(moving, reference)
+    shift = align(moving, reference, only_shift=True).alignment
     found = np.array([shift.east_m, shift.north_m, shift.up_m])
     judged = np.array([affine[name] for name in ("shift_x", "shift_y", "shift_z")], dtype=np.float64)
     return apart, float(np.abs(found - judged).max()), float(np.abs(found - TRUE_SHIFT_M).max())

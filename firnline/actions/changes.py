@@ -14,7 +14,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Lengths, NoPictures, Select
+from firnline.actions.requests import Details, Lengths, NoPictures, Select, stated_details
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
@@ -101,6 +101,7 @@ class ChangeRequest:
     report: Annotated[
         Path | None, Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
+    details: Details = field(default_factory=list)
     no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a change that is there.")] = False
 
@@ -114,6 +115,8 @@ class ChangeRequest:
         self._refuse_unused()
         inputs = with_companions(self.inputs)
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
+        if stated_details(self.details) and self.report is None:
+            raise survey.InputError("--detail is stated in a report; add --report, or leave --detail out.")
         if self.report is None:
             return
         from survey.reporting.document import OUTPUTS as REPORT_OUTPUTS
@@ -199,7 +202,7 @@ class ChangeResult(WrittenResult):
         inputs = zip(roles, self.request.inputs, strict=True)
         names = {role: path.name for role, path in inputs if path is not None}
         title = f"{names['Later survey']} minus {names['Earlier survey']}"
-        setting = ReportSetting(title, today(), names)
+        setting = ReportSetting(title, today(), {**stated_details(self.request.details), **names})
         write_document(report, change_report(setting, self.change, self.outlines, self.facts()))
 
 
@@ -306,6 +309,7 @@ def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
             f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
             "compare their maps instead."
         )
+    assert request.outline is not None
     outlines = read_outlines(request.outline, crs, request.select)
     bounds = shapely.union_all(list(outlines.values())).bounds
     return change_of_models(new, old, outlines, survey.Grid.over(bounds, request.step_m, crs)), outlines

@@ -178,11 +178,11 @@ def write_change(
     write_json(place / "change.json", facts)
     if change.volumes:
         _write_table(place / "change.csv", TABLE_COLUMNS, facts["volumes"])
-        bands = [(one.name, one.identifier, *band) for one in change.volumes for band in one.bands]
+        rows = [(one.name, one.identifier, *band) for one in change.volumes for band in one.bands]
         _write_table(
             place / "change_bands.csv",
             BAND_COLUMNS,
-            [dict(zip(BAND_COLUMNS, row, strict=True)) for row in bands],
+            [dict(zip(BAND_COLUMNS, row, strict=True)) for row in rows],
         )
     if outlines:
         shapes = [outlines[one.name] for one in change.volumes]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
@@ -25,14 +25,14 @@ _LEAST_COMMON = 0.3
 _SMOOTHED_CELLS = 2.0
 # Curvatures beyond these percentiles of the unchanged ground are taken for those.
 _CURVATURE_LIMITS = (1.0, 99.0)
-TERMS = (
+TERMS: tuple[str, ...] = (
     "east_m", "north_m", "up_m", "tilt_east_m_per_km", "tilt_north_m_per_km", "curvature_bias_m2",
 )  # fmt: skip
 """Names of the terms of an alignment, in the order of the columns of its design."""
 
 
 @dataclass(frozen=True)
-class Alignment:
+class SurveyAlignment:
     r"""Corrections that align a surface with another one.
 
     .. math::  z(x) \rightarrow z(x - s) + s_z + t \cdot (x - x_0) + b \, \nabla^2 z
@@ -57,71 +57,58 @@ class Alignment:
     left_out: tuple[str, ...] = ()
 
 
-class Design(NamedTuple):
-    """Columns (K, H, W) by which the corrections of an alignment change the difference, and which terms they are."""
+class Aligned(NamedTuple):
+    """Heights (H, W) of a surface on the cells of the reference after an alignment, and that.
 
+    `columns` (K, H, W): how each of its `terms` (K,) changes the difference.
+    """
+
+    heights: FloatArray
+    alignment: SurveyAlignment
     columns: FloatArray
     terms: tuple[str, ...]
 
 
-def coregister(moving: Dem, reference: Dem, stable: BoolArray | None = None) -> Alignment:
-    r"""Estimate the shift that aligns a surface with a reference.
+def align(
+    moving: Dem,
+    reference: Dem,
+    stable: BoolArray | None = None,
+    weights: FloatArray | None = None,
+    *,
+    only_shift: bool = False,
+) -> Aligned:
+    r"""Align a surface with a reference by a shift, a tilt and a bias that grows with the curvature.
 
     .. math::  z_{ref}(x) - z(x - s) - s_z \approx s \cdot \nabla z(x), \qquad
                \text{or}\quad dh / \tan\beta = a \cos(b - \psi) + c
 
     Nuth and Kääb (2011, The Cryosphere 5, 271–290) write it with slope β and aspect ψ; here
-    the same plane in the slopes is fitted by least squares, differences beyond three robust
-    deviations trimmed, and repeated until the shift converges.
+    the same plane in the slopes is fitted by least squares together with the other terms, differences beyond three robust
+    deviations trimmed, and repeated until the shift converges. A term that the unchanged ground does not determine, as a
+    horizontal shift of flat ground, is left out and named.
 
-    `stable` (H, W) bool: the reference's cells that did not change; all by default.
+    `stable` (H, W) bool: the reference's cells that did not change; all by default. `weights` (H, W): of the squared
+    differences; equal by default. `only_shift`: without tilt and bias.
 
-    One shift for the whole raster: no tilt, no scale, no jitter of a sensor.
+    One alignment for the whole raster: no scale, no jitter of a sensor.
 
     >>> from survey.data.grid import Grid
     >>> x, y = np.meshgrid(np.arange(41.0), np.arange(41.0))
     >>> def hills(east, north):
     ...     return 9.0 * np.sin((x - east) / 6.0) + 7.0 * np.cos((40.0 - y - north) / 5.0)
     >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 1.0)
-    >>> shift = coregister(Dem.on(grid, hills(0.0, 0.0)), Dem.on(grid, hills(1.5, -0.5) + 2.0))
+    >>> surfaces = Dem.on(grid, hills(0.0, 0.0)), Dem.on(grid, hills(1.5, -0.5) + 2.0)
+    >>> shift = align(*surfaces, only_shift=True).alignment
     >>> round(shift.east_m, 1), round(shift.north_m, 1), round(shift.up_m, 1)
     (1.5, -0.5, 2.0)
     """
-    fit = _Fit(moving, reference, stable)
-    if not fit.sees_shift:
-        raise InputError(
-            "the unchanged ground is too flat to determine a horizontal shift; leave co-registration out."
-        )
-    fit.converge()
-    return fit.alignment()
-
-
-class Aligned(NamedTuple):
-    """Heights (H, W) of a surface on the cells of the reference after an alignment, that, and its design."""
-
-    heights: FloatArray
-    alignment: Alignment
-    design: Design
-
-
-def align(
-    moving: Dem, reference: Dem, stable: BoolArray | None = None, weights: FloatArray | None = None
-) -> Aligned:
-    """Align a surface with a reference by a shift, a tilt and a bias that grows with the curvature.
-
-    `stable` (H, W) bool: the reference's cells that did not change; all by default. `weights` (H, W): of the squared
-    differences; equal by default.
-
-    The terms are fitted together by least squares; one that the unchanged ground does not determine, as a horizontal
-    shift of flat ground, is left out and named.
-    """
     fit = _Fit(moving, reference, stable, weights)
     fit.converge()
-    fit.add_biases()
-    fit.converge()
-    left_out = tuple(name for name in TERMS if name not in fit.terms)
-    found = replace(fit.alignment(), left_out=left_out)
-    return Aligned(fit.heights(), found, Design(fit.columns, fit.terms))
+    if not only_shift:
+        fit.add_biases()
+        fit.converge()
+    left_out = tuple(name for name in (TERMS[:3] if only_shift else TERMS) if name not in fit.terms)
+    return Aligned(fit.heights(), replace(fit.alignment(), left_out=left_out), fit.columns, fit.terms)
 
 
 class _Fit:
@@ -136,13 +123,14 @@ class _Fit:
         self.stable = np.isfinite(reference.elevation) & (True if stable is None else stable)
         self.root = np.ones(reference.shape) if weights is None else np.sqrt(weights)
         to_east, to_north = reference.gradient()
-        self.values = dict.fromkeys(TERMS, 0.0)
+        self.values: dict[str, Any] = dict.fromkeys(TERMS, 0.0)
         self.n = 0
         self.before = self._moved()[self.stable]
         level = np.ones(reference.shape)
-        self.sees_shift = self._is_common(lambda smooth: np.gradient(smooth, reference.step_m))
+        self.sees_shift = self._is_common(lambda smooth: [*np.gradient(smooth, reference.step_m)])
         if self.sees_shift:
-            self.columns, self.terms = np.stack([-to_east, -to_north, level]), TERMS[:3]
+            self.columns: FloatArray = np.stack([-to_east, -to_north, level])
+            self.terms = TERMS[:3]
         else:
             self.columns, self.terms = level[None], TERMS[2:3]
 
@@ -177,7 +165,8 @@ class _Fit:
         used = self.stable & np.isfinite(rest) & np.isfinite(self.columns).all(axis=0)
         if used.sum() < _N_LEAST:
             raise InputError(
-                f"{int(used.sum())} cells of unchanged ground are common to both elevation models; {_N_LEAST} are needed to align them, name more of it or leave the alignment out."
+                f"{int(used.sum())} cells of unchanged ground are common to both elevation models; {_N_LEAST} are needed to align them, "
+                "name more of it or leave the alignment out."
             )
         far = np.abs(rest - np.median(rest[used]))
         used &= far <= _TRIMMED * max(_nmad(rest[used]), 1e-9)
@@ -230,13 +219,13 @@ class _Fit:
             return False
         return bool(eigh(0.5 * (common + common.T), spread, eigvals_only=True)[0] >= _LEAST_COMMON)
 
-    def alignment(self) -> Alignment:
+    def alignment(self) -> SurveyAlignment:
         """Return the terms, and the spread of the difference before and after."""
         reference = self.reference.elevation
         before, after = (
             _nmad(reference[self.stable] - heights) for heights in (self.before, self.heights()[self.stable])
         )
-        return Alignment(n=self.n, nmad_before_m=before, nmad_after_m=after, **self.values)
+        return SurveyAlignment(n=self.n, nmad_before_m=before, nmad_after_m=after, **self.values)
 
 
 def _smoothed(surface: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.differencing.along_flow import Thickness, change_along_flow
-from survey.scoring.differencing.coregistration import Alignment
+from survey.scoring.differencing.coregistration import SurveyAlignment
 from survey.scoring.differencing.coregistration import align as align_surface
 from survey.scoring.differencing.displacements import DisplacementField
 from survey.scoring.differencing.variogram import LARGEST_CELLS, Variogram
@@ -40,9 +40,9 @@ from survey.scoring.differencing.volume_change import (
     ChangeErrors,
     ComparedGround,
     Corrections,
-    Level,
     Outlines,
     OutlineVolumes,
+    StableLevel,
     VolumeChange,
     coverage_notes,
     datum_notes,
@@ -87,7 +87,7 @@ def change(
     stable : polygon, optional
         Ground that did not change; by default all that both surveys map outside the outlines.
     align : bool
-        First correct shift, tilt and bias by curvature of the earlier surface, by the unchanged ground (`Alignment`);
+        First correct shift, tilt and bias by curvature of the earlier surface, by the unchanged ground (`SurveyAlignment`);
         their errors are counted.
     level : bool
         Subtract the median difference of the unchanged ground; its own error is counted.
@@ -137,7 +137,8 @@ def change(
     compared = _Compared.of(reference, old, relative, ground, is_aligned=align, is_levelled=level)
     notes = _stable_notes(has_ground=bool(outlines) or stable is not None, uses_it=align or level)
     found = _change(compared, relative, ground)
-    found = replace(found, notes=(*found.notes, *notes))
+    datums = datum_notes(new.vertical_datum, old.vertical_datum)
+    found = replace(found, notes=(*datums, *found.notes, *notes))
     if flow is None:
         return found
     followed = {one.name: outlines[one.name] for one in found.volumes}
@@ -151,7 +152,7 @@ class _Compared(NamedTuple):
     heights: FloatArray
     design: FloatArray
     is_levelled: bool
-    alignment: Alignment | None = None
+    alignment: SurveyAlignment | None = None
     terms: tuple[str, ...] = ()
 
     @classmethod
@@ -175,7 +176,7 @@ class _Compared(NamedTuple):
             return cls(difference, heights, design, is_levelled)
         made = align_surface(old, reference, ground.stable, np.nan_to_num(relative**-2.0))
         difference = Dem.on(grid, reference.elevation - made.heights, reference.vertical_datum)
-        return cls(difference, heights, made.design.columns, is_levelled, made.alignment, made.design.terms)
+        return cls(difference, heights, made.columns, is_levelled, made.alignment, made.terms)
 
 
 def _change(compared: _Compared, relative: FloatArray, ground: ComparedGround) -> Change:
@@ -198,7 +199,7 @@ def _change(compared: _Compared, relative: FloatArray, ground: ComparedGround) -
         alignment = replace(alignment, std=dict(zip(compared.terms, corrections.stds(), strict=True)))
     level = None
     if compared.is_levelled:
-        level = Level(median, _mean(heights, relative**-2.0, unchanged), corrections.median_excess_m)
+        level = StableLevel(median, _mean(heights, relative**-2.0, unchanged), corrections.median_excess_m)
     return Change(
         levelled,
         std,
@@ -210,7 +211,6 @@ def _change(compared: _Compared, relative: FloatArray, ground: ComparedGround) -
         alignment,
         variogram,
         (
-            *datum_notes(levelled.vertical_datum),
             *_copy_notes(heights[known & ground.stable]),
             *_offset_notes(offset),
             *_level_notes(level),
@@ -313,7 +313,7 @@ def _offset_notes(offset_m: float) -> tuple[str, ...]:
     )
 
 
-def _level_notes(level: Level | None) -> tuple[str, ...]:
+def _level_notes(level: StableLevel | None) -> tuple[str, ...]:
     """Return a note where median and mean of the unchanged ground differ by more than their errors."""
     if level is None or not level.disagrees:
         return ()
@@ -334,7 +334,7 @@ def _stable_notes(*, has_ground: bool, uses_it: bool) -> tuple[str, ...]:
     )
 
 
-def _alignment_notes(alignment: Alignment | None) -> tuple[str, ...]:
+def _alignment_notes(alignment: SurveyAlignment | None) -> tuple[str, ...]:
     """Return a note on terms of an alignment that the unchanged ground does not determine."""
     if alignment is None or not alignment.left_out:
         return ()

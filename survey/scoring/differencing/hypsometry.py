@@ -112,8 +112,9 @@ class Hypsometry:
         if band == _UNKNOWN:
             return mapped
         for cells in (mapped, self.pool):
-            found = cells[self.band[cells] == band]
+            found: IntArray = cells[self.band[cells] == band]
             if found.size >= _LEAST_CELLS:
                 return found
         distance = np.abs(self.band[mapped] - band)
-        return mapped[distance == distance.min()]
+        nearest: IntArray = mapped[distance == distance.min()]
+        return nearest

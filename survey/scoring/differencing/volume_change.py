@@ -27,7 +27,7 @@ from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.scoring.accuracy import NMAD_FACTOR, ErrorStatistics
-from survey.scoring.differencing.coregistration import Alignment
+from survey.scoring.differencing.coregistration import SurveyAlignment
 from survey.scoring.differencing.hypsometry import ElevationBand, Hypsometry
 from survey.scoring.differencing.variogram import SumErrors, Variogram
 
@@ -163,7 +163,7 @@ class AlongFlow(DataObject):
     balances: tuple[FlowBalance, ...]
 
 
-class Level(NamedTuple):
+class StableLevel(NamedTuple):
     """Level of the difference on the unchanged ground.
 
     `median_m`, `mean_m`: median, and mean without blunders [m]. `excess_m`: standard deviation of the median beyond that of
@@ -242,7 +242,7 @@ class Change(DataObject):
         Median difference of the unchanged ground, which was subtracted [m].
     n_stable : int
         Cells of unchanged ground; 0 for the joint posterior.
-    alignment : Alignment, optional
+    alignment : SurveyAlignment, optional
         Shift, tilt and bias by curvature of the earlier surface, which were corrected.
     variogram : Variogram, optional
         Of the errors of the difference; distances on the ground.
@@ -250,7 +250,7 @@ class Change(DataObject):
         Assumptions behind the figures.
     along_flow : AlongFlow, optional
         Change along the flow of the ice, where a flow was given; `difference` is that at fixed places.
-    level : Level, optional
+    level : StableLevel, optional
         Median and mean of the unchanged ground, where it was used.
     total : VolumeChange, optional
         All outlines together, where there are several that do not overlap.
@@ -263,11 +263,11 @@ class Change(DataObject):
     method: str
     offset_m: float = 0.0
     n_stable: int = 0
-    alignment: Alignment | None = None
+    alignment: SurveyAlignment | None = None
     variogram: Variogram | None = None
     notes: tuple[str, ...] = ()
     along_flow: AlongFlow | None = None
-    level: Level | None = None
+    level: StableLevel | None = None
     total: VolumeChange | None = None
 
     @cached_property
@@ -461,11 +461,13 @@ def ground_step_m(dem: Dem) -> float:
 _MAPPED = 0.99
 
 
-def datum_notes(*datums: str) -> tuple[str, ...]:
-    """Return a note where a survey states no vertical datum."""
-    if all(datums):
-        return ()
-    return ("a survey does not state its vertical datum; check that both count from the same",)
+def datum_notes(later: str, earlier: str) -> tuple[str, ...]:
+    """Return a note for each survey that states no vertical datum."""
+    return tuple(
+        f"the {name} survey does not state its vertical datum; check that both count from the same"
+        for name, datum in (("later", later), ("earlier", earlier))
+        if not datum
+    )
 
 
 def scale_notes(dem: Dem) -> tuple[str, ...]:

@@ -62,6 +62,26 @@ def test_a_wanted_class_that_is_not_met_ends_with_its_exit_code_and_keeps_the_re
     assert any(Path("accuracy").iterdir())
 
 
+def test_a_report_states_project_client_instrument_and_dates(site: Path) -> None:
+    score = ("score", "map.tif", "--checkpoints", "all.csv", "--datum", "EGM96 height")
+    details = ("--detail", "check-date=2026-07-01", "--detail", "client=Glacier Office")
+    output_of(*score, *details, "--report", "accuracy.html")
+    page = Path("accuracy.html").read_text(encoding="utf-8")
+    assert page.index("Glacier Office") < page.index("2026-07-01")
+    assert "Date of the check survey" in page
+    assert "add --report" in output_of(*score, *details, code=3)
+    assert "project, client" in output_of(*score, "--detail", "colour=red", "--report", "x.html", code=4)
+
+
+def test_the_survey_without_a_datum_is_named(site: Path) -> None:
+    args = _surveys(site)
+    later = Dem.read("later.tif")
+    Dem(later.elevation, later.transform, later.crs).write("later.tif")
+    words = output_of(*args)
+    assert "the later survey does not state its vertical datum" in words
+    assert "the earlier survey does not" not in words
+
+
 def test_checkpoints_that_are_control_unknown_standards_and_other_datums_are_refused(site: Path) -> None:
     score = ("score", "map.tif", "--checkpoints", "all.csv")
     assert "within 0.1 m of control" in output_of(*score, "--control", "few.csv", code=3)
