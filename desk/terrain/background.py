@@ -19,6 +19,7 @@ from affine import Affine
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
+from desk.terrain.shading import encode_png
 from survey.core import Bounds, FloatArray, InputError, refusing_damage, write_bytes
 from survey.core.files import existing_file
 from survey.io.file_kinds import OFFLINE
@@ -127,8 +128,6 @@ class Picture:
         """Warp a tile; GDAL reads the overview that suits it, in the thread that has opened the file."""
         from rasterio.enums import ColorInterp, Resampling
         from rasterio.vrt import WarpedVRT
-
-        from desk.terrain.tiles import encode_png
 
         cell_m = self._resolutions_m[zoom]
         west = self._extent[0] + column * _TILE_CELLS * cell_m
