@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from desk.terrain.background import MapService, Picture
+from desk.terrain.background import GroundPicture, MapService
 from desk.terrain.pyramid import ElevationPyramid, Overview
 from desk.terrain.shading import Table, TerrainStyle, colour_of, encode_png, legend_colours
 from survey.core import Bounds, FloatArray, round_number
@@ -28,7 +28,7 @@ class TerrainTiles:
 
     def __init__(self, pyramid: ElevationPyramid) -> None:
         self.pyramid = pyramid
-        self.background: Picture | MapService | None = None
+        self.background: GroundPicture | MapService | None = None
         self.style = TerrainStyle.of(pyramid, pyramid.bounds)
         self._png = lru_cache(_MOST_TILES)(self._drawn)
 
