@@ -19,6 +19,7 @@ from affine import Affine
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
+from desk.terrain.shading import encode_png
 from survey.core import Bounds, FloatArray, InputError, refusing_damage, write_bytes
 from survey.core.files import existing_file
 from survey.io.file_kinds import OFFLINE
@@ -60,7 +61,7 @@ def _opened(path: Path) -> Iterator[Any]:
         yield source
 
 
-class Picture:
+class GroundPicture:
     """Picture of the ground in any CRS.
 
     `path`: GeoTIFF or MBTiles of colours or grey values. `crs`, `bounds`: projected CRS of the map, and the terrain's bounds
@@ -128,8 +129,6 @@ class Picture:
         from rasterio.enums import ColorInterp, Resampling
         from rasterio.vrt import WarpedVRT
 
-        from desk.terrain.tiles import encode_png
-
         cell_m = self._resolutions_m[zoom]
         west = self._extent[0] + column * _TILE_CELLS * cell_m
         north = self._extent[3] - row * _TILE_CELLS * cell_m
@@ -164,7 +163,7 @@ class Picture:
 class MapService(NamedTuple):
     """Tiles of an address that the user named; the page asks for them, this machine's server does not.
 
-    `host`: origin that the page asks for images. `about`: as for `Picture`.
+    `host`: origin that the page asks for images. `about`: as for `GroundPicture`.
     """
 
     host: str
@@ -277,11 +276,11 @@ def _overlap(a: Bounds, b: Bounds) -> bool:
     return bool(np.isfinite(limits).all() and (limits[:, :2].max(axis=0) < limits[:, 2:].min(axis=0)).all())
 
 
-def open_background(named: str, crs: CRS, bounds: Bounds) -> Picture | MapService:
+def open_background(named: str, crs: CRS, bounds: Bounds) -> GroundPicture | MapService:
     """Open a local picture, or take the address of a map service."""
     if re.match(r"[a-z]+://", named):
         return MapService.of(named, crs, bounds)
-    return Picture(Path(named), crs, bounds)
+    return GroundPicture(Path(named), crs, bounds)
 
 
 def stored_picture(stem: Path) -> Path | None:
@@ -290,17 +289,17 @@ def stored_picture(stem: Path) -> Path | None:
     return next((file for file in files if file.exists()), None)
 
 
-def store_picture(stem: Path, name: str, content: bytes, crs: CRS, bounds: Bounds) -> Picture:
+def store_picture(stem: Path, name: str, content: bytes, crs: CRS, bounds: Bounds) -> GroundPicture:
     """Store a dropped picture beside the plan in place of the one before, once it can be drawn."""
     suffix = Path(name).suffix.lower()
     draft = stem.with_name(f"{stem.name}_background-new{suffix if suffix in _SUFFIXES else '.tif'}")
     try:
         write_bytes(draft, content)
-        Picture(draft, crs, bounds)
+        GroundPicture(draft, crs, bounds)
         before = stored_picture(stem)
         if before is not None:
             before.unlink()
-        return Picture(draft.replace(draft.with_stem(f"{stem.name}_background")), crs, bounds)
+        return GroundPicture(draft.replace(draft.with_stem(f"{stem.name}_background")), crs, bounds)
     except InputError as error:
         raise InputError(str(error).replace(str(draft), Path(name).name[:80])) from error
     finally:

@@ -378,8 +378,9 @@ class FreeGround:
         a, b, c = np.vstack(before), np.vstack(here), np.vstack(after)
         u, v = b - a, c - b
         is_reflex = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] < 0.0
-        xy, sides = b[is_reflex], [neighbour[is_reflex] - b[is_reflex] for neighbour in (a, c)]
-        return Bends(xy, *sides, 1e-4 * np.column_stack([np.hypot(*side.T) for side in sides]))
+        xy, to_before, to_after = b[is_reflex], -u[is_reflex], v[is_reflex]
+        slack = 1e-4 * np.column_stack([np.hypot(*side.T) for side in (to_before, to_after)])
+        return Bends(xy, to_before, to_after, slack)
 
     @cached_property
     def links(self) -> Links:

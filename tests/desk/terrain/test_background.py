@@ -12,8 +12,8 @@ from rasterio.transform import from_origin
 
 from desk.server.serve import Gate, desk_app
 from desk.terrain.background import (
+    GroundPicture,
     MapService,
-    Picture,
     halved,
     is_picture,
     open_background,
@@ -52,7 +52,7 @@ def halves(dtype="uint8", low=0, high=200) -> np.ndarray:
     return values
 
 
-def colours_at(picture: Picture, places: list[tuple[float, float]]) -> np.ndarray:
+def colours_at(picture: GroundPicture, places: list[tuple[float, float]]) -> np.ndarray:
     """Return red, green, blue and opacity (N, 4) that the finest tiles show at places of the map."""
     grid = picture.about["grid"]
     zoom = len(grid["resolutions_m"]) - 1
@@ -66,7 +66,7 @@ def colours_at(picture: Picture, places: list[tuple[float, float]]) -> np.ndarra
 
 @pytest.mark.parametrize("crs", ["EPSG:32608", "EPSG:4326", "EPSG:3857"])
 def test_a_picture_in_any_crs_lies_where_it_belongs(tmp_path, crs):
-    picture = Picture(write_picture(tmp_path / "ortho.tif", halves(), crs), UTM, BOUNDS)
+    picture = GroundPicture(write_picture(tmp_path / "ortho.tif", halves(), crs), UTM, BOUNDS)
     places = [(WEST + 300.0, SOUTH + 450.0), (WEST + 600.0, SOUTH + 450.0), (WEST - 300.0, SOUTH + 450.0)]
     red, blue, beyond = colours_at(picture, places)
     assert red.tolist() == [200, 0, 0, 255]
@@ -75,19 +75,19 @@ def test_a_picture_in_any_crs_lies_where_it_belongs(tmp_path, crs):
 
 
 def test_numbers_beyond_bytes_are_stretched(tmp_path):
-    picture = Picture(write_picture(tmp_path / "ortho.tif", halves("uint16", 900, 4000)), UTM, BOUNDS)
+    picture = GroundPicture(write_picture(tmp_path / "ortho.tif", halves("uint16", 900, 4000)), UTM, BOUNDS)
     assert colours_at(picture, [(WEST + 300.0, SOUTH + 450.0)])[0].tolist() == [255, 0, 0, 255]
 
 
 def test_a_palette_and_grey_values_are_drawn(tmp_path):
     file = write_picture(tmp_path / "map.tif", halves()[:1])
-    assert colours_at(Picture(file, UTM, BOUNDS), [(WEST + 300.0, SOUTH + 450.0)])[0].tolist() == [
+    assert colours_at(GroundPicture(file, UTM, BOUNDS), [(WEST + 300.0, SOUTH + 450.0)])[0].tolist() == [
         200
     ] * 3 + [255]
     with rasterio.open(file, "r+") as target:
         target.write_colormap(1, {0: (0, 0, 0, 255), 200: (12, 34, 56, 255)})
     assert is_picture(file)
-    assert colours_at(Picture(file, UTM, BOUNDS), [(WEST + 300.0, SOUTH + 450.0)])[0].tolist()[:3] == [
+    assert colours_at(GroundPicture(file, UTM, BOUNDS), [(WEST + 300.0, SOUTH + 450.0)])[0].tolist()[:3] == [
         12,
         34,
         56,
@@ -95,10 +95,10 @@ def test_a_palette_and_grey_values_are_drawn(tmp_path):
 
 
 def test_unknown_cells_are_transparent(tmp_path):
-    picture = Picture(write_picture(tmp_path / "ortho.tif", halves(), nodata=0), UTM, BOUNDS)
+    picture = GroundPicture(write_picture(tmp_path / "ortho.tif", halves(), nodata=0), UTM, BOUNDS)
     file = write_picture(tmp_path / "dark.tif", np.zeros((3, 90, 90), np.uint8), nodata=0)
     assert colours_at(picture, [(WEST + 300.0, SOUTH + 450.0)])[0, 3] == 255
-    assert colours_at(Picture(file, UTM, BOUNDS), [(WEST + 300.0, SOUTH + 450.0)])[0, 3] == 0
+    assert colours_at(GroundPicture(file, UTM, BOUNDS), [(WEST + 300.0, SOUTH + 450.0)])[0, 3] == 0
 
 
 def test_mbtiles_are_drawn(tmp_path):
@@ -106,7 +106,7 @@ def test_mbtiles_are_drawn(tmp_path):
     from rasterio.shutil import copy
 
     copy(file, tmp_path / "ortho.mbtiles", driver="MBTILES", TILE_FORMAT="PNG")
-    picture = Picture(tmp_path / "ortho.mbtiles", UTM, BOUNDS)
+    picture = GroundPicture(tmp_path / "ortho.mbtiles", UTM, BOUNDS)
     assert colours_at(picture, [(WEST + 300.0, SOUTH + 450.0)])[0].tolist() == pytest.approx(
         [200, 0, 0, 255], abs=2
     )
@@ -134,7 +134,7 @@ def test_widths_of_cells_reach_those_of_the_picture():
 )
 def test_a_picture_that_cannot_be_shown_is_refused_in_a_sentence(tmp_path, make, words):
     with pytest.raises(InputError, match=words) as refused:
-        Picture(make(tmp_path), UTM, BOUNDS)
+        GroundPicture(make(tmp_path), UTM, BOUNDS)
     assert str(refused.value).endswith(".")
 
 
@@ -142,7 +142,7 @@ def test_a_picture_that_cannot_be_shown_is_refused_in_a_sentence(tmp_path, make,
 def test_a_damaged_picture_is_refused(tmp_path, suffix):
     (tmp_path / f"bad{suffix}").write_bytes(b"II*\0" + bytes(400))
     with pytest.raises(InputError, match="bad"):
-        Picture(tmp_path / f"bad{suffix}", UTM, BOUNDS)
+        GroundPicture(tmp_path / f"bad{suffix}", UTM, BOUNDS)
 
 
 def test_an_address_names_one_host():
