@@ -17,7 +17,6 @@ from planners.capacity import MOST_LINES
 from planners.routes.visibility import Network, search
 from survey.core import CapacityError, FloatArray, IntArray
 
-
 _NEIGHBOURS = 10
 
 

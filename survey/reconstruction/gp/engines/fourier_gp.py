@@ -302,7 +302,10 @@ def _of_block(kernel: Kernel, data: NoisyValues, tree: cKDTree, xy: FloatArray) 
     row, column = np.tril_indices(n, -1)
     used, place = np.unique(index, return_inverse=True)
     if len(used) ** 2 < len(row) * len(xy):
-        among, place = kernel.covariance_of_lag(data.xy[used, None] - data.xy[used]), place.reshape(index.shape)
+        among, place = (
+            kernel.covariance_of_lag(data.xy[used, None] - data.xy[used]),
+            place.reshape(index.shape),
+        )
         between = among[place[:, row], place[:, column]]
     else:
         between = kernel.covariance_of_lag(near[:, row] - near[:, column])

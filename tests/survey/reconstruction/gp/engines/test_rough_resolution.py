@@ -79,6 +79,8 @@ def test_the_bound_at_a_place_does_not_depend_on_the_places_beside_it():
     kernel = Matern52(4.0, 30.0, anisotropy=1.5, angle_deg=20.0)
     places = rng.uniform(0.0, 100.0, (2500, 2))
     together = nearest_variance_bound(kernel, data, places)
-    alone = np.concatenate([nearest_variance_bound(kernel, data, places[k : k + 1]) for k in range(0, 2500, 50)])
+    alone = np.concatenate(
+        [nearest_variance_bound(kernel, data, places[k : k + 1]) for k in range(0, 2500, 50)]
+    )
     np.testing.assert_array_equal(together[::50], alone)
     assert nearest_variance_bound(kernel, data, places[:0]).shape == (0,)
