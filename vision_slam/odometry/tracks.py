@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import BoolArray, FloatArray, InputError
+from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 

@@ -13,7 +13,9 @@ def test_a_tilt_of_the_prior_does_not_change_the_likelihood():
     prior = coarse(smooth_terrain())
     east, north = np.meshgrid(prior.x, prior.y)
     tilted = Dem(prior.elevation + 0.2 * east - 0.1 * north + 7.0, prior.transform, prior.crs)
-    level, steep = (PriorBlocks.of(AREA, dem).fits(Matern32(1.0, 100.0), [1e-3])[0] for dem in (prior, tilted))
+    level, steep = (
+        PriorBlocks.of(AREA, dem).fits(Matern32(1.0, 100.0), [1e-3])[0] for dem in (prior, tilted)
+    )
     assert steep.variance_m2 == pytest.approx(level.variance_m2, rel=1e-6)
     assert steep.log_likelihood == pytest.approx(level.log_likelihood, rel=1e-6)
 
