@@ -232,7 +232,8 @@ def _spread(peaks: Pixels, room: IntArray, size: tuple[int, int]) -> Pixels:
     order = np.argsort(cell, kind="stable")  # strongest first within a cell
     rank = np.empty(len(peaks), dtype=int)
     rank[order] = np.arange(len(peaks)) - np.searchsorted(cell[order], cell[order])
-    return peaks[rank < room.ravel()[cell]]
+    kept: Pixels = peaks[rank < room.ravel()[cell]]
+    return kept
 
 
 _LEAST_RAYS = 5
