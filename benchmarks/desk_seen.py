@@ -129,6 +129,7 @@ def _files(page: Any, raster: Path) -> None:
         page.set_input_files(
             "#open-file", {"name": f"{name}.tif", "mimeType": "image/tiff", "buffer": raster.read_bytes()}
         )
+        page.click("#raster-kind button[value=elevations]")
         page.wait_for_selector(f".layer >> text={name}.tif", state="attached")
 
 

@@ -29,4 +29,4 @@ def measure(quick: bool) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    main("Fleet in images", measure, ("numpy", "scipy", "numba", "opencv-python-headless", "gtsam"))
+    main("Fleet in images", measure, ("numpy", "scipy", "numba", "opencv-python-headless"))

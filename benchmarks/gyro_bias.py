@@ -80,4 +80,4 @@ def _heading_error_rad(found: VisualOdometry, truth: Truth) -> FloatArray:
 
 
 if __name__ == "__main__":
-    main("Gyro bias", measure, ("numpy", "gtsam", "opencv-python-headless"))
+    main("Gyro bias", measure, ("numpy", "opencv-python-headless"))

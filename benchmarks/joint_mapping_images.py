@@ -118,4 +118,4 @@ def _floor(survey: Survey) -> Outcome:
 
 
 if __name__ == "__main__":
-    main("Joint mapping in images", measure, ("numpy", "scipy", "opencv-python-headless", "gtsam"))
+    main("Joint mapping in images", measure, ("numpy", "scipy", "opencv-python-headless"))

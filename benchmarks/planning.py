@@ -1,6 +1,12 @@
-"""How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``."""
+"""How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``.
+
+``python -m benchmarks.planning outlines`` measures the pieces of swaths on real outlines, a table of its own whose
+parts are stored.
+"""
 
 import os
+import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +17,7 @@ from shapely import LineString, Polygon
 
 import planners
 from benchmarks.report import Row, cpu_seconds, fastest, main
+from benchmarks.stored_parts import code_digest, stored
 from firnline.actions.interface import read_about
 from planners.routes.fleet import share
 from planners.routes.rover import Mobility, predicted
@@ -89,7 +96,6 @@ def rows(quick: bool) -> Iterator[Row]:
     yield from _four_hundred_segments()
     yield from _growth(quick)
     yield from _fleet()
-    yield from _pieces_of_real_outlines(quick)
 
 
 def _square_kilometre() -> Iterator[Row]:
@@ -179,6 +185,7 @@ SINGLE = (
     ("dem_avaframe_tirol/polygons/entGar.shp", 31287),
     ("dem_avaframe_tirol/polygons/relGar2.shp", 31287),
 )
+NUMBERS = (8, 16, 30)
 _LEAST_M2, _MOST_OF_ONE = 0.3e6, 10
 
 
@@ -212,14 +219,17 @@ def _tongue(glacier: SurveyArea, raster: Path) -> tuple[SurveyArea, SurveyArea] 
     return glacier, between_heights(glacier, dem, below_m=float(np.nanmedian(heights)))
 
 
-def _pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
+def pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
     """Yield pieces, drive and error of swaths on real outlines, beside those of all pieces by the narrowest heading."""
     if not DATA.is_dir():
-        return
+        sys.exit(f"the folder of real data {DATA} is not here; set FIRNLINE_DATA.")
     areas = list(real_outlines())[:: 4 if quick else 1]
     yield Row("real outlines", len(areas), "")
-    for n in (8, 16, 30):
-        found = np.array([_routed(area, n) for area in areas])
+    folder = Path(tempfile.gettempdir()) / "firnline-real-outlines" / code_digest(("planners",))
+    for n in NUMBERS:
+        found = np.array(
+            [stored(folder / f"{_key(area)}-{n}.json", lambda a=area, n=n: _routed(a, n)) for area in areas]
+        )
         ours, every = found[:, 0], found[:, 1]
         what = f"real outlines, {n} swaths"
         yield Row.of(f"{what}: most lines beyond those asked for", (ours[:, 0] - n).max(), "", "<=", 0)
@@ -233,6 +243,11 @@ def _pieces_of_real_outlines(quick: bool) -> Iterator[Row]:
         for name, column, limit in (("drive", 3, 1.03), ("turns", 4, 1.0), ("predicted RMSE", 5, 1.02)):
             ratio = float((ours[:, column] / every[:, column]).mean())
             yield Row.of(f"{what}: {name} / all pieces, mean", ratio, "x", "<=", limit)
+
+
+def _key(area: SurveyArea) -> str:
+    """Return a name of an outline, by its bounds and its size [m]."""
+    return "_".join(f"{value:.0f}" for value in (*area.bounds, area.free.area))
 
 
 def _routed(area: SurveyArea, n: int) -> list[list[float]]:
@@ -252,4 +267,8 @@ def _routed(area: SurveyArea, n: int) -> list[list[float]]:
 
 
 if __name__ == "__main__":
-    main("Planning", rows, ("numpy", "scipy", "shapely", "numba"))
+    packages = ("numpy", "scipy", "shapely", "numba")
+    if sys.argv[1:2] == ["outlines"]:
+        main("Pieces of real outlines", pieces_of_real_outlines, packages, sys.argv[2:])
+    else:
+        main("Planning", rows, packages)

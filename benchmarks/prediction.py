@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from benchmarks.promise_on_real_ground.windows import FOLDER, LANDSCAPES, site_o
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
 from planners.prediction.assumptions import MapAssumptions
+from planners.prediction.error_distribution import ErrorDistribution
 from planners.prediction.error_model import ErrorModel
 from survey import Dem, SurfacePoints
 from survey.core.arrays import FloatArray
@@ -52,6 +53,12 @@ class Judged:
     actual_m: float
     bounds_m: tuple[float, float]
     chances: FloatArray
+
+    @classmethod
+    def of(cls, case: Case, found: ErrorDistribution, actual_m: float) -> Self:
+        """Judge a predicted distribution by the error of the map that was made [m]."""
+        chances = np.array([found.probability(multiple * found.rmse_m) for multiple in _MULTIPLES])
+        return cls(case, found.rmse_m, actual_m, (found.quantile_m(0.1), found.quantile_m(0.9)), chances)
 
     @property
     def ratio(self) -> float:
@@ -83,10 +90,8 @@ def _judged(case: Case) -> Judged:
     survey = survey_of(case.landscape, case.window, case.lines)
     model = _model(case.landscape, case.window, case.prior)
     found = model.predictor.distribution(survey.xy, model.posterior)
-    chances = np.array([found.probability(multiple * found.rmse_m) for multiple in _MULTIPLES])
-    bounds_m = found.quantile_m(0.1), found.quantile_m(0.9)
     actual_m = stored(_file(case), lambda: _actual_m(survey, _prior(case.landscape, case.window, case.prior)))
-    return Judged(case, found.rmse_m, actual_m, bounds_m, chances)
+    return Judged.of(case, found, actual_m)
 
 
 @cache
@@ -124,29 +129,24 @@ def _rows(name: str, found: Sequence[Judged], *, is_judged: bool) -> Iterator[Ro
     yield Row(f"{name}: landscapes", len({one.case.landscape for one in found}), "")
     yield Row(f"{name}: windows", len({one.case[:2] for one in found}), "")
     yield Row(f"{name}: maps", len(found), "")
-    ratios = np.array([one.ratio for one in found])
-    low, high = np.quantile(ratios, [0.1, 0.9]).tolist()
     title = f"{name}: predicted over actual error"
-    row = _Rows(is_judged)
-    yield row.of(f"{title}, 10 %", low, "x", (">=", 0.7))
-    yield row.of(f"{title}, 90 %", high, "x", ("<=", 1.4))
+    row = Bars(is_judged)
+    yield from ratio_rows(title, found, row)
     for lines in LINES:
-        median = _median([one for one in found if one.case.lines == lines])
+        median = median_of([one for one in found if one.case.lines == lines])
         yield row.of(f"{title}, {lines}: median", median, "x", (">=", 0.95))
         yield row.of(f"{title}, {lines}: median, not too large", median, "x", ("<=", 1.1))
     for prior in _PRIORS:
         yield Row(
-            f"{title}, {prior}: median", _median([one for one in found if one.case.prior == prior]), "x"
+            f"{title}, {prior}: median", median_of([one for one in found if one.case.prior == prior]), "x"
         )
     for landscape in dict.fromkeys(one.case.landscape for one in found):
         mine = [one for one in found if one.case.landscape == landscape]
-        yield Row(f"{title}, {landscape}: median", _median(mine), "x")
-    within = float(np.mean([one.bounds_m[0] <= one.actual_m <= one.bounds_m[1] for one in found]))
-    yield row.of(f"{name}: actual errors within the stated 80 %", within, "1", (">=", 0.75))
-    yield from _calibration(name, found, row)
+        yield Row(f"{title}, {landscape}: median", median_of(mine), "x")
+    yield from chance_rows(name, found, row)
 
 
-class _Rows(NamedTuple):
+class Bars(NamedTuple):
     """Rows with bars where they are judged."""
 
     is_judged: bool
@@ -156,12 +156,22 @@ class _Rows(NamedTuple):
         return Row.of(name, value, unit, *bar) if self.is_judged else Row(name, value, unit)
 
 
-def _median(found: Sequence[Judged]) -> float:
+def median_of(found: Sequence[Judged]) -> float:
+    """Return the median of predicted over actual errors."""
     return float(np.median([one.ratio for one in found]))
 
 
-def _calibration(name: str, found: Sequence[Judged], row: "_Rows") -> Iterator[Row]:
-    """Yield the share of wishes met less the stated probability, where it is worst of ten bins."""
+def ratio_rows(title: str, found: Sequence[Judged], row: Bars) -> Iterator[Row]:
+    """Yield the lower and upper tenth of predicted over actual errors."""
+    low, high = np.quantile([one.ratio for one in found], [0.1, 0.9]).tolist()
+    yield row.of(f"{title}, 10 %", low, "x", (">=", 0.7))
+    yield row.of(f"{title}, 90 %", high, "x", ("<=", 1.4))
+
+
+def chance_rows(name: str, found: Sequence[Judged], row: Bars) -> Iterator[Row]:
+    """Yield how many errors lie within the stated range, and the share of wishes met less the stated probability in ten bins."""
+    within = float(np.mean([one.bounds_m[0] <= one.actual_m <= one.bounds_m[1] for one in found]))
+    yield row.of(f"{name}: actual errors within the stated 80 %", within, "1", (">=", 0.75))
     chances = np.concatenate([one.chances for one in found])
     met = np.concatenate([one.actual_m <= _MULTIPLES * one.predicted_m for one in found])
     bins = np.minimum((_N_BINS * chances).astype(int), _N_BINS - 1)

@@ -268,4 +268,4 @@ def _around_the_prior(points: SurfacePoints, survey: Survey) -> Reconstruction:
 
 
 if __name__ == "__main__":
-    main("Vision mission", measure, ("numpy", "scipy", "opencv-python-headless", "gtsam", "numba"))
+    main("Vision mission", measure, ("numpy", "scipy", "opencv-python-headless", "numba"))

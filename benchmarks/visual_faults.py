@@ -313,4 +313,4 @@ def until(recording: Recording, last_s: float) -> Recording:
 
 if __name__ == "__main__":
     cv2.setNumThreads(1)
-    main("Visual faults", measure, packages=("numpy", "scipy", "gtsam", "opencv-python-headless"))
+    main("Visual faults", measure, packages=("numpy", "scipy", "opencv-python-headless"))

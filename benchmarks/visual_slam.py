@@ -39,8 +39,8 @@ from survey.data.trajectory import Trajectory
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.evaluation import absolute_errors_m
 from vision_slam.motion import MotionSensors
-from vision_slam.odometry.bundle_adjustment import half_turned
 from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.odometry.window import half_turned
 from vision_slam.readers.sequence import scale_by_reference
 from vision_slam.recordings import read_sequence
 
@@ -73,7 +73,7 @@ def measure(quick: bool) -> Iterator[Row]:
         return
     yield from _drives("", [_judged(seed) for seed in SEEDS])
     if EARLIER is not None:
-        yield from _ratio(Path(EARLIER), _folder(SEEDS[0]))
+        yield from _ratio(Path(EARLIER), rendered_drive(SEEDS[0]))
     for clip in (4.0, 0.0):
         yield from _faint(bool(clip), [_judged(seed, FAINT, clip) for seed in SEEDS[:2]])
 
@@ -147,8 +147,8 @@ def _ratio(earlier: Path, folder: Path) -> Iterator[Row]:
     yield Row.of(name, today / before, "x", ">=", BAR / BAR_EARLIER)
 
 
-def _folder(seed: int, settings: tuple[str, ...] = ()) -> Path:
-    """Folder of a rendered drive, rendered now if it has not been yet."""
+def rendered_drive(seed: int, settings: tuple[str, ...] = ()) -> Path:
+    """Return the folder of a rendered drive, rendered now if it has not been yet."""
     words = [str(seed), *settings]
     runs = DRIVES / "-".join(re.sub(r"[^\w.,]+", "_", word).strip("_") for word in words)
     made = runs / "glacier-drive" / "latest" / "2-simulate"
@@ -165,7 +165,7 @@ def _judged(seed: int, settings: tuple[str, ...] = (), clip: float | None = None
     config = None if clip is None else VisualOdometryConfig(clahe_clip=clip)
     words = "-".join(re.sub(r"\W+", "_", word) for word in (str(seed), *settings, str(clip)))
     file = parts_folder("visual-slam", "benchmarks/visual_slam.py") / f"{words}.json"
-    figures: dict[str, float] = stored(file, lambda: _driven(_folder(seed, settings), config))
+    figures: dict[str, float] = stored(file, lambda: _driven(rendered_drive(seed, settings), config))
     return figures
 
 
@@ -266,4 +266,4 @@ def _real_camera() -> Row:
 
 if __name__ == "__main__":
     cv2.setNumThreads(1)
-    main("Visual SLAM", measure, packages=("numpy", "scipy", "gtsam", "opencv-python-headless"))
+    main("Visual SLAM", measure, packages=("numpy", "scipy", "opencv-python-headless"))

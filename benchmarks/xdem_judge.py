@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from survey.core.arrays import BoolArray, FloatArray
 from survey.data.dem import Dem
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.differencing.coregistration import coregister
+from survey.scoring.differencing.coregistration import align
 
 if TYPE_CHECKING:
     import xdem
@@ -53,7 +54,7 @@ def agreement(data: Path) -> tuple[float, float, float]:
         (ours.nmad_m, nmad),
     )
     apart = max(abs(a / float(b) - 1.0) for a, b in pairs)
-    shift = coregister(moving, reference)
+    shift = align(moving, reference, only_shift=True).alignment
     found = np.array([shift.east_m, shift.north_m, shift.up_m])
     judged = np.array([affine[name] for name in ("shift_x", "shift_y", "shift_z")], dtype=np.float64)
     return apart, float(np.abs(found - judged).max()), float(np.abs(found - TRUE_SHIFT_M).max())
@@ -65,3 +66,37 @@ def _theirs(dem: Dem) -> "xdem.DEM":
     return xdem.DEM.from_array(
         dem.elevation.astype(np.float64), dem.transform, dem.crs.to_wkt(), nodata=-9999
     )
+
+
+def aligned_difference(later: Dem, earlier: Dem, stable: BoolArray, *, has_plane: bool) -> FloatArray:
+    """Return xdem's difference (H, W) on the cells of the later model: Nuth and Kääb, perhaps a plane, and a median.
+
+    `stable` (H, W) bool: cells of the later model that did not change.
+    """
+    import xdem
+
+    reference, moving = _theirs(later), _theirs(earlier)
+    plane = [xdem.coreg.Deramp(poly_order=1)] if has_plane else []
+    steps = xdem.coreg.CoregPipeline([xdem.coreg.NuthKaab(), *plane, xdem.coreg.VerticalShift()])
+    moving = moving.reproject(reference)
+    steps.fit(reference, moving, inlier_mask=stable, random_state=0)
+    aligned = steps.apply(moving).reproject(reference)
+    difference = np.ma.filled((reference.data - aligned.data).astype(np.float64), np.nan)
+    return np.asarray(difference.squeeze())
+
+
+def filled_mean(difference: FloatArray, heights: FloatArray, inside: BoolArray) -> float:
+    """Return the mean of a difference over cells (H, W) whose voids are filled by xdem's hypsometric means [m]."""
+    import xdem
+
+    known = inside & np.isfinite(difference) & np.isfinite(heights)
+    void = inside & np.isfinite(heights) & ~known
+    total = float(difference[known].sum())
+    if void.any():
+        bins = xdem.volume.hypsometric_binning(
+            difference[known], heights[known], bins=50.0, aggregation_function=np.mean
+        )
+        values = bins["value"].interpolate(limit_direction="both").to_numpy()
+        index = bins.index.get_indexer(np.clip(heights[void], bins.index[0].mid, bins.index[-1].mid))
+        total += float(values[index].sum())
+    return total / float((known | void).sum())

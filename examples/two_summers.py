@@ -5,7 +5,7 @@
 # judged by checkpoints. On the command line:
 #
 # ```shell
-# firnline change 2026.tif 2024.tif --outline glacier.gpkg --align
+# firnline change 2026.tif 2024.tif --outline glacier.gpkg
 # firnline score 2026.tif --checkpoints gnss.csv --standard asprs-edition-2 --class 0.50
 # ```
 
@@ -57,14 +57,14 @@ earlier = Dem.on(grid, surveyed(shifted + 1.0, 0.3))
 # %% [markdown]
 # ## Change of volume and mass
 #
-# `align=True` shifts the earlier survey onto the later one by the ground that did not change (Nuth and Kääb 2011). The
-# errors of the difference are then measured on the same ground: their variogram shows over which distance they are
+# `align=True` corrects shift, tilt and bias by curvature of the earlier survey by the ground that did not change (Nuth and
+# Kääb 2011); the command does so by default. The errors of the difference are then measured on the same ground: their variogram shows over which distance they are
 # correlated. An error that is correlated over hundreds of metres does not average out over a glacier, so the
 # standard deviation of the volume is many times that of independent errors.
 
 # %%
 result = change(later, earlier, {"tongue": tongue}, align=True)
-print(result.shift)
+print(result.alignment)
 volume = result.volumes[0]
 print(
     f"volume  {volume.volume_m3:,.0f} ± {volume.std_m3:,.0f} m³; if cells were independent ± {volume.naive_std_m3:,.0f} m³"

@@ -176,6 +176,15 @@ class LocalizationConfig(Section):
             images = images.model_copy(update={"scale_wander_sigma": wander, "scale_wander_m": length_m})
         return self.model_copy(update=images.model_dump())
 
+    def with_wheel_errors(self) -> Self:
+        """Return the configuration with the errors of wheels as those of the odometry, levelled by gravity as images are."""
+        wheels = {
+            "scale_sigma": self.wheel_scale_sigma,
+            "step_sigma_m": self.wheel_step_sigma_m,
+            "turn_sigma_m": self.wheel_skid_m,
+        }
+        return self.with_image_errors().model_copy(update=wheels)
+
 
 class VisualOdometryConfig(Section):
     """Settings of contrast enhancement, tracking, keyframes and landmark errors.

@@ -1,8 +1,8 @@
 """Localization pipeline: one list of steps from a recording to a path and landmarks.
 
 `localize` runs visual odometry, the steps that bring odometry and fixes into agreement
-(`vision_slam.agreement.steps.STEPS`), and the batch smoother. On moving ice it repeats them in the frame of the ice at an
-epoch, and estimates the motion of the ice with the path. A recording without images and odometry is a kinematic GPS
+(`vision_slam.agreement.steps.STEPS`), and the batch smoother. Without images wheels and gyro are the odometry. On moving ice it repeats them in the frame of the ice at an
+epoch, and estimates the motion of the ice with the path. A recording with neither is a kinematic GPS
 survey. `localize_images` is for images without fixes, whose path is that of visual odometry.
 """
 
@@ -19,10 +19,11 @@ from vision_slam.agreement.drive import Drive, check_images, measure_motion, pro
 from vision_slam.agreement.steps import STEPS, note_delay
 from vision_slam.config import LocalizationConfig, VisualOdometryConfig
 from vision_slam.drive_estimate import DriveEstimate, Localization
-from vision_slam.fusion.online import predicted_covariance
-from vision_slam.fusion.smoother import SmoothedPath, place_landmarks, smooth
+from vision_slam.fusion.online import adjusted_covariance, predicted_covariance
+from vision_slam.fusion.smoother import SmoothedPath, ground_of_path, place_landmarks, smooth
 from vision_slam.odometry.odometer import VisualOdometry
-from vision_slam.readers.sequence import ImageSequence
+from vision_slam.odometry.wheel_odometry import wheel_odometry
+from vision_slam.readers.sequence import ImageSequence, MotionRecords
 
 _UNIT_SCALE_SIGMA = 1e-6
 """Error of a scale that is the unit of the path."""
@@ -47,7 +48,8 @@ def localize(
     Images are processed to odometry and sightings first, where the recording has no
     odometry. Without wheels the scale of the images is that of the fixes. Start, delay and
     outliers of the fixes are then checked, loop closures are added, and path and landmarks
-    are smoothed. A recording without images and odometry is a kinematic GPS survey: the
+    are smoothed. Without images the odometry is that of wheels and gyro, and the ground below the
+    path takes the place of landmarks. A recording with fixes alone is a kinematic GPS survey: the
     fixes are the path, and the surface is the ground below the antenna.
 
     With the prior motion of the ice this is repeated in the frame of the ice at its epoch, and the
@@ -92,8 +94,11 @@ def localize(
     [98.5, 98.5, 98.5]
     """
     settings = config or LocalizationConfig()
-    if visual is None and recording.odometry is None and recording.frames is not None:
-        visual = process_images(recording, visual_config, progress)
+    if visual is None and recording.odometry is None:
+        if recording.frames is not None:
+            visual = process_images(recording, visual_config, progress)
+        elif recording.wheels is not None:
+            visual = wheel_odometry(recording, recording.gps)
     if motion is not None:
         return _localize_on_ice(recording, settings, visual, motion)
     return _localize_on_ground(recording, settings, visual)
@@ -120,11 +125,14 @@ def _result_of(drive: Drive, path: SmoothedPath) -> Localization:
         is_lost = is_lost | drive.visual.is_lost
     if drive.visual is not None or is_lost.any():
         trajectory = replace(trajectory, health=1.0 - is_lost)
+    has_landmarks = drive.visual is None or drive.has_images
     return Localization(
         trajectory,
-        place_landmarks(drive.recording, path, drive.config),
+        place_landmarks(drive.recording, path, drive.config)
+        if has_landmarks
+        else ground_of_path(drive.recording, path),
         before.online.trajectory(before.recording),
-        drive.visual,
+        drive.visual if drive.has_images else None,
         n_fixes=before.online.n_fixes,
         n_fixes_refused=before.online.n_fixes - int(before.used_fixes.sum()),
         notes=drive.notes,
@@ -165,20 +173,46 @@ def _most_moved_m(about: IceMotion, found: IceMotion, recording: Recording) -> f
 
 
 def localize_images(
-    images: ImageSequence,
+    images: ImageSequence | MotionRecords,
     config: LocalizationConfig | None = None,
     *,
     visual_config: VisualOdometryConfig | None = None,
     progress: Progress | None = None,
 ) -> DriveEstimate:
-    """Estimate path and landmarks of images without fixes, in the frame of the first image."""
+    """Estimate path and landmarks of images, or the path of wheels, without fixes, in the frame of the first pose."""
+    if images.frames is None:
+        return _localize_wheels(images, config or LocalizationConfig())
     visual = process_images(images, visual_config, progress)
     has_wheels = images.wheels is not None and not visual.ignores_wheels
     check_images(visual, has_wheels=has_wheels)
-    errors = (config or LocalizationConfig()).with_image_errors(visual.scale_drift_sigma)
+    settings = config or LocalizationConfig()
+    errors = settings.with_image_errors(visual.scale_drift_sigma)
     # Without wheels the scale is the unit of the path; with them it is theirs.
     scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT_SCALE_SIGMA
     errors = errors.model_copy(update={"scale_sigma": scale_sigma})
-    estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
-    note = visual.mounting_note(images.camera)
-    return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))
+    if visual.adjusted_covariance is None or images.inertial is not None:
+        covariance = predicted_covariance(visual.odometry, errors)
+    else:
+        own = scale_sigma if has_wheels and not images.scale_is_of_reference else 0.0
+        covariance = adjusted_covariance(visual, settings, own)
+    estimate = DriveEstimate.in_first_frame(visual, covariance)
+    notes = (visual.mounting_note(images.camera), _scale_note(estimate) if has_wheels else None)
+    return replace(estimate, notes=(*estimate.notes, *(note for note in notes if note is not None)))
+
+
+def _scale_note(estimate: DriveEstimate) -> str | None:
+    """Return the standard deviation of the scale, by that of the farthest pose in its direction from the first."""
+    away = estimate.position - estimate.position[0]
+    farthest = int(np.argmax(np.linalg.norm(away, axis=1)))
+    square = float(away[farthest] @ away[farthest])
+    if square <= 0.0 or estimate.own_covariance is None:
+        return None
+    sigma = float(np.sqrt(away[farthest] @ estimate.own_covariance[farthest] @ away[farthest])) / square
+    return f"the scale of the path has a standard deviation of {100.0 * sigma:.1f} %"
+
+
+def _localize_wheels(records: MotionRecords, config: LocalizationConfig) -> DriveEstimate:
+    """Estimate the path of wheels and gyro in the frame of the first pose."""
+    wheels = wheel_odometry(records)
+    covariance = predicted_covariance(wheels.odometry, config.with_wheel_errors())
+    return replace(DriveEstimate.in_first_frame(wheels, covariance), visual_odometry=None)

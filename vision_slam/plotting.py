@@ -67,7 +67,7 @@ def tracked_pixels(
     ways = [
         np.vstack([camera.project(np.array(track.rays[-_N_DRAWN:])), track.pixel[None]]) for track in tracks
     ]
-    return ways, sum(track.point is not None and not track.is_far for track in tracks)
+    return ways, sum(track.is_near for track in tracks)
 
 
 def _draw(axes: Axes, image: Image, ways: list[FloatArray]) -> None:

@@ -18,7 +18,7 @@ from vision_slam.evaluation import Comparison, compare_aligned, compare_from_sta
 from vision_slam.pipeline import localize, localize_images
 from vision_slam.readers.datasets import is_kitti, read_poses
 from vision_slam.readers.gps_files import is_receiver_file, read_gps
-from vision_slam.readers.sequence import ZERO_HEIGHTS, ImageSequence
+from vision_slam.readers.sequence import ZERO_HEIGHTS, ImageSequence, MotionRecords
 
 logger = logging.getLogger(__name__)
 
@@ -38,13 +38,13 @@ class ReferencePoses(NamedTuple):
 class RecordedDrive:
     """A recording that is ready to be localized.
 
-    `records`: a recording has fixes in a CRS; a sequence of images has none. `notes`: what its reader did or
+    `records`: a recording has fixes in a CRS; a sequence of images, and records of motion without images, have none. `notes`: what its reader did or
     assumed, one sentence each. `reference_time_s`, `reference` (R,) and (R, 4, 4): reference poses of the
     layout, in a frame of their own. `no_ground`: why the fixes of a drive without images are no points of the ground;
     ``""`` where they are.
     """
 
-    records: Recording | ImageSequence
+    records: Recording | ImageSequence | MotionRecords
     notes: tuple[str, ...] = ()
     reference_time_s: FloatArray | None = None
     reference: FloatArray | None = None

@@ -56,6 +56,7 @@ from vision_slam.readers.photos import (
 from vision_slam.readers.sequence import (
     GpsLog,
     ImageSequence,
+    MotionRecords,
     VisionRecords,
     georeference,
     scale_by_reference,
@@ -100,6 +101,13 @@ def open_recording(
         raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
     lens, lens_notes = (None, ()) if camera is None else read_calibration(camera)
     sequence = _read_images(place, topics, lens, frame_rate_hz)
+    if isinstance(sequence, MotionRecords):
+        unused = {"--camera": camera, "--scale-from": scale_from_m}
+        stated = [name for name, value in unused.items() if value is not None]
+        if stated:
+            raise ConfigError(f"{place} is a bag without images; leave {', '.join(stated)} out.")
+        log = sequence.gps if gps is None else read_gps(gps, columns)
+        return _without_images(sequence, log, crs, gps_shift_s, antenna_m)
     sequence = replace(sequence, notes=(*lens_notes, *_lens_notes(sequence.camera), *sequence.notes))
     if scale_from_m is not None:
         sequence = scale_by_reference(sequence, scale_from_m)
@@ -118,20 +126,34 @@ def open_recording(
 
 def _read_images(
     place: Path, topics: Sequence[str], camera: Camera | None, frame_rate_hz: float | None
-) -> ImageSequence:
-    """Read a bag or a folder; refuse topics of a folder, and fewer than two images."""
+) -> ImageSequence | MotionRecords:
+    """Read a bag or a folder; refuse topics of a folder, and a single image."""
     if topics and not is_bag(place):
         raise ConfigError(f"{place} is no bag and has no topics; leave --topic out.")
     if is_bag(place):
         if frame_rate_hz is not None:
             raise ConfigError(f"{place} is a bag, whose images have times; leave --frame-rate out.")
-        sequence = read_bag(place, topics, camera)
+        sequence: ImageSequence | MotionRecords = read_bag(place, topics, camera)
     else:
         sequence = read_sequence(place, camera, frame_rate_hz)
-    if len(sequence.frames) < 2:
+    if sequence.frames is not None and len(sequence.frames) < 2:
         raise InputError(f"{place} holds one image; motion needs at least two.")
     _refuse_other_units(sequence, place)
     return sequence
+
+
+def _without_images(
+    records: MotionRecords, log: GpsLog | None, crs: CRS | str | None, shift_s: float, antenna_m: float | None
+) -> RecordedDrive:
+    """Open a drive of wheels, gyro and fixes, or of some of them; without fixes its path begins at 0."""
+    if log is None:
+        if crs is not None or shift_s != 0.0 or antenna_m is not None:
+            raise ConfigError(
+                "the bag holds no fixes; --crs, --gps-shift and --antenna need some, name them with --gps."
+            )
+        return RecordedDrive(records, records.notes)
+    recording = georeference(records, log, crs, shift_s)
+    return RecordedDrive.of_fixes(recording, (*records.notes, *_fix_notes(log, recording.crs)), antenna_m)
 
 
 _TABLES_OF_FIXES = (".csv", ".tsv")

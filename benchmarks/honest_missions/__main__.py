@@ -28,6 +28,4 @@ def measure(quick: bool) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    main(
-        "Honest missions", measure, ("numpy", "scipy", "finufft", "opencv-python-headless", "gtsam", "numba")
-    )
+    main("Honest missions", measure, ("numpy", "scipy", "finufft", "opencv-python-headless", "numba"))

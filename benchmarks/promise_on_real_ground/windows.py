@@ -193,7 +193,7 @@ def _known_share(dem: Dem, row: float, column: float, side_m: float) -> float:
 def site_of(name: str, index: int) -> Site:
     """Return one window of a landscape with its prior."""
     landscape, bounds = landscape_of(name), windows(name)[index]
-    terrain = _filled(fine_dem(name).window(bounds))
+    terrain = filled(fine_dem(name).window(bounds))
     edge_m = 1.5 * terrain.step_m
     xmin, ymin, xmax, ymax = bounds
     area = SurveyArea.rectangle(
@@ -203,7 +203,7 @@ def site_of(name: str, index: int) -> Site:
     return Site(terrain, area, prior, landscape.limit_m, landscape.prior_sigma_m)
 
 
-def _filled(dem: Dem) -> Dem:
+def filled(dem: Dem) -> Dem:
     """Return the window with its few unknown cells as high as the nearest known ones."""
     unknown = ~np.isfinite(dem.elevation)
     if not unknown.any():

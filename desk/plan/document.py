@@ -94,7 +94,8 @@ class PlanDocument(Section):
 
 
 def _polygon(rings: tuple[Ring, ...]) -> Polygon:
-    return Polygon(rings[0], rings[1:])
+    outline, *holes = (np.array(ring, dtype=np.float64) for ring in rings)  # many times as fast as tuples
+    return Polygon(outline, holes)
 
 
 def _rings(polygon: Polygon) -> tuple[Ring, ...]:

@@ -17,7 +17,8 @@ from survey.data.outlines import read_outlines_file
 from survey.io.vector import geometry_types
 
 _OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")
-_RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
+_PICTURES = (".tif", ".tiff", ".mbtiles")
+_RASTERS = (*_PICTURES, ".asc", ".hgt", ".nc")
 _POINTS = (".csv", ".las", ".laz", ".ply")
 _MOST_POINTS = 5000
 SIGMA_M = 0.05
@@ -27,8 +28,9 @@ SIGMA_M = 0.05
 def dropped(name: str, content: bytes, crs: CRS, select: Sequence[str] = ()) -> dict[str, Any]:
     """Return what a dropped file holds, in the CRS of the terrain.
 
-    `select`: which glaciers of an inventory (`SurveyArea.read`). Returns: ``kind`` and either a ``document`` of shapes, the
-    ``choices`` of an inventory, an ``image`` with ``bounds``, or ``places`` with ``heights_m``.
+    `select`: which glaciers of an inventory (`SurveyArea.read`), or ``elevations`` for a raster that could be either. Returns:
+    ``kind`` and either a ``document`` of shapes, the ``choices`` of an inventory, an ``image`` with ``bounds``, or ``places``
+    with ``heights_m``; the kind alone for a ``picture`` and for a raster of ``either`` elevations or grey values.
     """
     suffix = Path(name).suffix.lower()
     readers = {suffix: read for group, read in _READERS for suffix in group}
@@ -62,10 +64,13 @@ def _shapes(file: Path, crs: CRS, select: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _raster(file: Path, crs: CRS, _: Sequence[str]) -> dict[str, Any]:
+def _raster(file: Path, crs: CRS, select: Sequence[str]) -> dict[str, Any]:
+    from desk.terrain.background import is_picture
     from firnline.actions.interface import own_crs
     from survey.core.crs import same_crs
 
+    if not select and file.suffix in _PICTURES:
+        return {"kind": "picture" if is_picture(file) else "either"}
     stated = own_crs(file)
     if stated is not None:
         same_crs(crs, stated, "the terrain and the raster")

@@ -8,6 +8,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from desk.server.replies import body_of, report_file
+from desk.terrain.background import store_picture
 from desk.terrain.pyramid import heights_at
 from desk.terrain.shading import ELEVATION, LARGEST_SLOPE_DEG, SLOPE, TerrainStyle, legend_colours
 from desk.terrain.tiles import LAYERS, contour_lines
@@ -34,8 +35,20 @@ def site(request: Request) -> Response:
             "height_colours": legend_colours(ELEVATION),
             "slope_colours": legend_colours(SLOPE),
             "largest_slope_deg": LARGEST_SLOPE_DEG,
+            "background": workspace.tiles.background and workspace.tiles.background.about,
         }
     )
+
+
+async def background(request: Request) -> Response:
+    """Store a dropped picture of the ground beside the plan, and answer with what the page needs to show it."""
+    workspace: Workspace = request.app.state.workspace
+    tiles, name, content = workspace.tiles, request.query_params.get("name", ""), await request.body()
+    stem = workspace.folder / workspace.name
+    tiles.background = await to_thread.run_sync(
+        store_picture, stem, name, content, workspace.crs, tiles.pyramid.bounds
+    )
+    return JSONResponse(tiles.background.about | {"title": name[:80]})
 
 
 def style(request: Request) -> Response:
@@ -83,13 +96,18 @@ def tile(request: Request) -> Response:
     """Answer with a tile as PNG."""
     workspace: Workspace = request.app.state.workspace
     place = request.path_params
+    if place["layer"] == "background" and workspace.tiles.background is not None:
+        return _image(workspace.tiles.background.png(place["zoom"], place["column"], place["row"]))
     if place["layer"] not in LAYERS:
         return JSONResponse({"error": f"the layer {place['layer']!r} is none of {', '.join(LAYERS)}."}, 404)
     given = request.query_params.get("style")
     style = None if given is None else TerrainStyle.parsed(given)
-    png = workspace.tiles.png(place["layer"], place["zoom"], place["column"], place["row"], style)
+    return _image(workspace.tiles.png(place["layer"], place["zoom"], place["column"], place["row"], style))
+
+
+def _image(png: bytes | None) -> Response:
     if png is None:
-        return JSONResponse({"error": "the terrain has no such tile."}, 404)
+        return JSONResponse({"error": "the map has no such tile."}, 404)
     return Response(png, media_type="image/png", headers={"cache-control": "private, max-age=3600"})
 
 

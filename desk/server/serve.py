@@ -33,6 +33,7 @@ from desk.server import map_routes as maps
 from desk.server import plan_routes as plan
 from desk.server import replies
 from desk.server.replies import SlowRequestError, left, refused
+from desk.terrain.background import open_background, stored_picture
 from desk.workspace import Workspace, open_workspace, write_demo
 from survey.core import CapacityError, FirnlineError, InputError
 
@@ -53,6 +54,7 @@ _ROUTES = (
     Route("/api/error", plan.error),
     Route("/api/drive", plan.drive),
     Route("/api/export/{kind}", plan.export),
+    Route("/api/background", maps.background, methods=["POST"]),
     Route("/api/dropped", plan.dropped_file, methods=["POST"]),
     Route("/api/variants", plan.table),
     Route("/api/variants", plan.add, methods=["POST"]),
@@ -84,9 +86,24 @@ def desk_app(workspace: Workspace) -> Starlette:
 _DEMO_FOLDER = Path("firnline-desk-demo")
 
 
-def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, demo: bool = False) -> None:
-    """Serve the desk until it is interrupted."""
+def serve(
+    source: Path | None,
+    *,
+    port: int = 0,
+    opens_browser: bool = True,
+    demo: bool = False,
+    background: str | None = None,
+) -> None:
+    """Serve the desk until it is interrupted.
+
+    `background`: picture of the ground or address of a map service; without one, the picture that was dropped before.
+    """
     with open_workspace(write_demo(_DEMO_FOLDER) if demo else source, Path.cwd()) as workspace:
+        dropped = stored_picture(workspace.folder / workspace.name)
+        named = background or (dropped and str(dropped))
+        if named:
+            tiles = workspace.tiles
+            tiles.background = open_background(named, workspace.crs, tiles.pyramid.bounds)
         try:
             with held(workspace.store.path) as publish:
                 _serve(workspace, port, publish, opens_browser=opens_browser)
@@ -98,9 +115,12 @@ def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, dem
 
 def _serve(workspace: Workspace, port: int, publish: Callable[[str], None], *, opens_browser: bool) -> None:
     listener = _listener(port)
-    gate = Gate(desk_app(workspace), listener.getsockname()[1], publish)
+    shown = workspace.tiles.background
+    gate = Gate(desk_app(workspace), listener.getsockname()[1], publish, shown.host if shown else "")
     typer.echo(f"firnline desk  {gate.address}")
     typer.echo(f"plan           {workspace.store.path} (stored at every edit); Ctrl+C ends the desk")
+    if shown is not None and shown.host:
+        typer.echo(f"background     the page asks {shown.host} for images, and no other host")
     if workspace.notice:
         typer.echo(f"note           {workspace.notice}")
     if opens_browser:
@@ -210,15 +230,26 @@ class Gate:
     page, against requests of other pages; requests that change something have to state it.
 
     `app`: what is behind the gate. `port`: port of the server on 127.0.0.1. `publish`: takes the address with the next
-    token each time that one is used up; without it there is one token only.
+    token each time that one is used up; without it there is one token only. `images_from`: origin of a map service, the
+    only other host that the page may ask for images; it learns the origin of the page, which tile servers want to know.
 
     >>> gate = Gate(lambda *_: None, 8000)
     >>> gate.address.startswith("http://127.0.0.1:8000/?token=")
     True
     """
 
-    def __init__(self, app: ASGIApp, port: int, publish: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        port: int,
+        publish: Callable[[str], None] | None = None,
+        images_from: str = "",
+    ) -> None:
         self._app = app
+        self._headers = dict(_HEADERS)
+        if images_from:
+            policy = _HEADERS["content-security-policy"].replace("blob:;", f"blob: {images_from};")
+            self._headers |= {"content-security-policy": policy, "referrer-policy": "origin"}
         self._host = f"127.0.0.1:{port}"
         self._origin = f"http://{self._host}"
         self._cookie = f"firnline_desk_{port}"
@@ -246,7 +277,7 @@ class Gate:
             await send({"type": "websocket.close", "code": 1008})
             return
         answer = self._refusal(scope) or self._first_visit(scope) or self._without_session(scope)
-        send = _protected(send)
+        send = _protected(send, self._headers)
         if answer is not None:
             await answer(scope, receive, send)
             return
@@ -338,14 +369,14 @@ def _limited(receive: Receive) -> Receive:
     return counted
 
 
-def _protected(send: Send) -> Send:
+def _protected(send: Send, headers: dict[str, str]) -> Send:
     """Add the protective headers to an answer."""
 
     async def with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             # Of two policies a browser obeys both: what an answer states itself stands alone.
             stated = {name.lower() for name, _ in message["headers"]}
-            added = ((name.encode(), value.encode()) for name, value in _HEADERS.items())
+            added = ((name.encode(), value.encode()) for name, value in headers.items())
             message["headers"] = [*message["headers"], *(pair for pair in added if pair[0] not in stated)]
         await send(message)
 

@@ -1,11 +1,13 @@
 """Colours of terrain: palettes of heights, slopes and deviations, and shaded relief."""
 
+import io
 import math
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from desk.terrain.pyramid import ElevationPyramid
 from survey.core import Bounds, ConfigError, FloatArray, round_number
@@ -73,6 +75,17 @@ def colour_limit(values: npt.NDArray[np.float64]) -> float:
 
 
 Pixels = npt.NDArray[np.uint8]
+
+
+def encode_png(pixels: Pixels) -> bytes:
+    """Return an image as PNG.
+
+    `pixels` (H, W, 4): red, green, blue, opacity.
+    """
+    buffer = io.BytesIO()
+    Image.fromarray(pixels, "RGBA").save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
 
 LARGEST_SLOPE_DEG = 45.0
 """Slope at the upper end of its colours [deg]."""

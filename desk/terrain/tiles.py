@@ -1,17 +1,16 @@
 """Images of rasters for the map: tiles of the terrain, contour lines, and pictures with their place."""
 
 import base64
-import io
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
+from desk.terrain.background import GroundPicture, MapService
 from desk.terrain.pyramid import ElevationPyramid, Overview
-from desk.terrain.shading import Table, TerrainStyle, colour_of, legend_colours
+from desk.terrain.shading import Table, TerrainStyle, colour_of, encode_png, legend_colours
 from survey.core import Bounds, FloatArray, round_number
 from survey.data.dem import Dem
 
@@ -24,11 +23,12 @@ _MOST_TILES = 512
 class TerrainTiles:
     """Tiles of a terrain; zoom 0 shows all of it in one tile, each further zoom has cells of half the width.
 
-    `pyramid`: the terrain.
+    `pyramid`: the terrain. `background`: what is drawn below it where the user chose a picture or a map service.
     """
 
     def __init__(self, pyramid: ElevationPyramid) -> None:
         self.pyramid = pyramid
+        self.background: GroundPicture | MapService | None = None
         self.style = TerrainStyle.of(pyramid, pyramid.bounds)
         self._png = lru_cache(_MOST_TILES)(self._drawn)
 
@@ -59,16 +59,6 @@ class TerrainTiles:
         heights = self.pyramid.window(level, *first, TILE_CELLS + 2, TILE_CELLS + 2)
         draw = {"relief": style.relief, "slope": style.slope}[layer]
         return encode_png(draw(heights, self.pyramid.step_m * 2**level))
-
-
-def encode_png(pixels: npt.NDArray[np.uint8]) -> bytes:
-    """Return an image as PNG.
-
-    `pixels` (H, W, 4): red, green, blue, opacity.
-    """
-    buffer = io.BytesIO()
-    Image.fromarray(pixels, "RGBA").save(buffer, "PNG", compress_level=1)
-    return buffer.getvalue()
 
 
 _MOST_CELLS = 60_000

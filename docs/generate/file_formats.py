@@ -19,7 +19,8 @@ from survey.io.point_files import READ_ENDINGS as POINTS
 from survey.io.point_files import WRITERS as POINT_WRITERS
 from survey.io.point_table import PLACE, SIGMA
 from survey.io.trajectory_files import TUM_COLUMNS
-from survey.scoring.differencing.volume_change import TABLE_COLUMNS as CHANGE
+from survey.scoring.differencing.change_files import BAND_COLUMNS as BANDS
+from survey.scoring.differencing.change_files import TABLE_COLUMNS as CHANGE
 
 _HEAD = """\
 # File formats
@@ -119,8 +120,13 @@ def title(kind: type[SensorRecords]) -> str:
 
 def changes() -> str:
     """Return the section on changes between surveys."""
-    rows = [(code(name), unit_by_name(name)) for name in CHANGE]
-    return "## Changes\n\n`change.csv` has one row for each outline.\n\n" + table(("column", "unit"), rows)
+    rows, bands = ([(code(name), unit_by_name(name)) for name in names] for names in (CHANGE, BANDS))
+    return (
+        "## Changes\n\n`change.csv` has one row for each outline, and so has `change.gpkg`.\n\n"
+        + table(("column", "unit"), rows)
+        + "\n`change_bands.csv` has one row for each elevation band of an outline.\n\n"
+        + table(("column", "unit"), bands)
+    )
 
 
 def spellings() -> str:

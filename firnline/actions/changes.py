@@ -14,7 +14,7 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Lengths, NoPictures, Select
+from firnline.actions.requests import Details, Lengths, NoPictures, Select, stated_details
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 OUTPUTS = (
     "along_flow.tif", "along_flow.tif.aux.xml", "change.tif", "change.tif.aux.xml", "change.csv",
-    "change.json", "change.png",
+    "change.gpkg", "change.json", "change.png", "change_bands.csv",
 )  # fmt: skip
 """Files that the command writes into its folder."""
 # From fresh snow to rock debris.
@@ -41,17 +41,25 @@ class ChangeRequest:
     ]
     earlier: Annotated[Path, Argument(help="Earlier survey, or any elevation raster.")]
     outline: Annotated[
-        Path, Option("--outline", help="Polygons over which to compute change (glacier outlines).")
-    ]
+        Path | None,
+        Option(
+            "--outline",
+            help="Polygons over which to compute change, such as glaciers of an inventory; without, the difference alone.",
+        ),
+    ] = None
     select: Select = field(default_factory=list)
     stable: Annotated[
         Path | None,
         Option("--stable", help="Ground that did not change; by default all outside the outlines."),
     ] = None
-    align: Annotated[bool, Option("--align", help="First shift the earlier survey onto the later one.")] = (
-        False
-    )
-    level: Annotated[bool, Option(help="Subtract the mean difference of the unchanged ground.")] = True
+    align: Annotated[
+        bool | None,
+        Option(
+            help="First correct shift, tilt and bias by curvature of the earlier survey; by default, unless both surveys state "
+            "the same source."
+        ),
+    ] = None
+    level: Annotated[bool, Option(help="Subtract the median difference of the unchanged ground.")] = True
     density_kg_m3: Annotated[
         float, Option("--density", help="Density of the gained or lost material [kg/m³].")
     ] = 850.0
@@ -87,12 +95,13 @@ class ChangeRequest:
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
     ] = 2.0
-    out: Annotated[Path, Option("--out", "-o", help="Folder for change.tif, .csv, .json, .png.")] = Path(
-        "change"
+    out: Annotated[Path, Option("--out", "-o", help="Folder for change.tif, .csv, .gpkg, .json, .png.")] = (
+        Path("change")
     )
     report: Annotated[
         Path | None, Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
+    details: Details = field(default_factory=list)
     no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a change that is there.")] = False
 
@@ -106,6 +115,8 @@ class ChangeRequest:
         self._refuse_unused()
         inputs = with_companions(self.inputs)
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
+        if stated_details(self.details) and self.report is None:
+            raise survey.InputError("--detail is stated in a report; add --report, or leave --detail out.")
         if self.report is None:
             return
         from survey.reporting.document import OUTPUTS as REPORT_OUTPUTS
@@ -115,7 +126,7 @@ class ChangeRequest:
         refuse_existing([self.report], force=self.force, inputs=inputs, own=own)
 
     def _refuse_unused(self) -> None:
-        """Refuse options of the flow without a flow, and a flow between terrain models."""
+        """Refuse options of the flow without a flow, and a flow or no outline between terrain models."""
         stated = [
             name for name, value in {"--days": self.days, "--thickness": self.thickness}.items() if value
         ]
@@ -124,6 +135,9 @@ class ChangeRequest:
                 f"--density is {self.density_kg_m3:g}; {_DENSITIES_KG_M3[0]:g} to {_DENSITIES_KG_M3[1]:,g} kg/m³ were expected, "
                 "such as 850 for ice and firn."
             )
+        if self.outline is None and (self.select or self.later.suffix == ".npz"):
+            what = "--select chooses polygons" if self.select else "terrain models are compared over polygons"
+            raise survey.InputError(f"{what}; add --outline with their file.")
         if self.flow is None and stated:
             raise survey.InputError(f"{stated[0]} belongs to --flow; add --flow, or leave {stated[0]} out.")
         if self.flow is not None and self.later.suffix == ".npz":
@@ -153,10 +167,10 @@ class ChangeResult(WrittenResult):
     def _write_files(self) -> None:
         """Write the folder of the change, and the report if one is asked for."""
         from survey.core import replacing_folder
-        from survey.scoring.differencing.volume_change import write_change
+        from survey.scoring.differencing.change_files import write_change
 
         with replacing_folder(self.request.out, own=OUTPUTS) as draft:
-            write_change(draft, self.change, *self._density)
+            write_change(draft, self.change, *self._density, outlines=self.outlines)
             if not self.request.no_pictures:
                 from survey.figures import change_map, png_bytes
 
@@ -169,8 +183,8 @@ class ChangeResult(WrittenResult):
         return self.request.density_kg_m3, self.request.density_std_kg_m3
 
     def facts(self) -> dict[str, Any]:
-        """Return shift, volumes, masses and notes."""
-        from survey.scoring.differencing.volume_change import change_facts
+        """Return alignment, level, statistics, volumes, masses and notes."""
+        from survey.scoring.differencing.change_files import change_facts
 
         return change_facts(self.change, *self._density)
 
@@ -188,13 +202,13 @@ class ChangeResult(WrittenResult):
         inputs = zip(roles, self.request.inputs, strict=True)
         names = {role: path.name for role, path in inputs if path is not None}
         title = f"{names['Later survey']} minus {names['Earlier survey']}"
-        setting = ReportSetting(title, today(), names)
+        setting = ReportSetting(title, today(), {**stated_details(self.request.details), **names})
         write_document(report, change_report(setting, self.change, self.outlines, self.facts()))
 
 
 def preview_change(request: ChangeRequest) -> Preview:
     """Read surveys and outlines, and return what would be compared."""
-    from survey.scoring.differencing.volume_change import read_outlines
+    from survey.scoring.differencing.change_files import read_outlines
 
     request.check()
     writes = [request.out, *([] if request.report is None else [request.report])]
@@ -204,8 +218,9 @@ def preview_change(request: ChangeRequest) -> Preview:
     *read, _ = surveys_of(request.later, request.earlier, request.crs, request.units)
     dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
-    outlines = read_outlines(request.outline, dems["later"].crs, request.select)
-    return Preview.of(writes, {**facts, "outlines": ", ".join(outlines)})
+    if request.outline is not None:
+        facts["outlines"] = ", ".join(read_outlines(request.outline, dems["later"].crs, request.select))
+    return Preview.of(writes, {**facts, "aligned": "yes" if _is_aligned(request) else "no"})
 
 
 @previewed_by(preview_change)
@@ -238,14 +253,16 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
+    from survey.scoring.differencing.change_files import Glaciers, read_glaciers, read_outlines
     from survey.scoring.differencing.difference import change as compare
-    from survey.scoring.differencing.volume_change import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request)
     new, old, note = surveys_of(request.later, request.earlier, request.crs, request.units)
     crs = (new if isinstance(new, survey.Dem) else new.mean).crs
-    outlines = read_outlines(request.outline, crs, request.select)
+    glaciers = Glaciers({}, {})
+    if request.outline is not None:
+        glaciers = read_glaciers(request.outline, crs, request.select)
     ground = None
     if request.stable is not None:
         ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
@@ -255,22 +272,34 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     found = compare(
         new,
         old,
-        outlines,
+        glaciers.shapes,
         stable=ground,
-        align=request.align,
+        align=_is_aligned(request),
         level=request.level,
         flow=flow,
         thickness=thickness,
     )
-    return replace(found, notes=(*found.notes, *note)), outlines
+    volumes = tuple(replace(one, identifier=glaciers.identifiers[one.name]) for one in found.volumes)
+    return replace(found, notes=(*found.notes, *note), volumes=volumes), glaciers.shapes
+
+
+def _is_aligned(request: ChangeRequest) -> bool:
+    """Return what --align or --no-align says; else whether the surveys do not state the same source."""
+    if request.align is not None:
+        return request.align
+    from survey.io.raster.reading import stated_source
+
+    files = [one / "dem.tif" if one.is_dir() else one for one in (request.later, request.earlier)]
+    later, earlier = map(stated_source, files)
+    return not later or later != earlier
 
 
 def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+    from survey.scoring.differencing.change_files import read_outlines
     from survey.scoring.differencing.difference import change_of_models
-    from survey.scoring.differencing.volume_change import read_outlines
 
     later, earlier = request.later, request.earlier
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
@@ -280,31 +309,53 @@ def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
             f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
             "compare their maps instead."
         )
+    assert request.outline is not None
     outlines = read_outlines(request.outline, crs, request.select)
     bounds = shapely.union_all(list(outlines.values())).bounds
     return change_of_models(new, old, outlines, survey.Grid.over(bounds, request.step_m, crs)), outlines
 
 
 def _change_lines(facts: dict[str, Any]) -> list[str]:
-    """Return shift, offset, volumes and notes as sentences."""
-    lines = []
-    if facts["shift"] is not None:
-        shift = facts["shift"]
+    """Return corrections, statistics, volumes and notes as sentences."""
+    lines = _correction_lines(facts)
+    row = facts["difference"]
+    lines.append(
+        f"later - earlier on {row['n']:,} common cells: median {row['median_m']:+.3f} m, mean {row['mean_m']:+.3f} m, "
+        f"NMAD {row['nmad_m']:.3f} m, RMSE {row['rmse_m']:.3f} m, 95 % within {row['p95_m']:.3f} m"
+    )
+    total = [] if facts["total"] is None else [facts["total"]]
+    lines += [_volume_line(row) for row in (*facts["volumes"], *total)]
+    lines += [_flow_line(row) for row in facts.get("along_flow", ())]
+    return [*lines, *(f"note: {note}" for note in facts["notes"])]
+
+
+def _correction_lines(facts: dict[str, Any]) -> list[str]:
+    """Return what was corrected before the comparison, with its standard deviations."""
+    lines, found = [], facts["alignment"]
+    if found is not None:
+
+        def term(name: str, unit: str) -> str:
+            return f"{found[name]:+.3f} ± {found['std'].get(name, 0.0):.3f} {unit}"
+
         lines.append(
-            f"coordinates shifted by {shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
+            f"earlier survey aligned (--no-align does not): shift {term('east_m', 'm')} east, {term('north_m', 'm')} north, "
+            f"{term('up_m', 'm')} up; tilt {term('tilt_east_m_per_km', 'm/km')} east, {term('tilt_north_m_per_km', 'm/km')} north; "
+            f"bias by curvature {term('curvature_bias_m2', 'm²')}"
         )
     if facts["offset_m"]:
         lines.append(
-            f"{facts['offset_m']:+.3f} m subtracted, the mean difference of the unchanged ground (--no-level does not)"
+            f"{facts['offset_m']:+.3f} m subtracted, the median difference of the unchanged ground (--no-level does not)"
         )
-    for row in facts["volumes"]:
-        lines.append(
-            f"{printable(row['name'])}: {_signed(row['volume_change_m3'])} m³, 95 % between "
-            f"{_signed(row['volume_low_95_m3'])} and {_signed(row['volume_high_95_m3'])}; {row['mean_change_m']:+.3f} m on the mean, "
-            f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
-        )
-    lines += [_flow_line(row) for row in facts.get("along_flow", ())]
-    return [*lines, *(f"note: {note}" for note in facts["notes"])]
+    return lines
+
+
+def _volume_line(row: dict[str, Any]) -> str:
+    """Return the change of volume and mass within one outline as a sentence."""
+    return (
+        f"{printable(row['name'])}: {_signed(row['volume_change_m3'])} m³, 95 % between "
+        f"{_signed(row['volume_low_95_m3'])} and {_signed(row['volume_high_95_m3'])}; {row['mean_change_m']:+.3f} m on the mean, "
+        f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
+    )
 
 
 def _flow_line(row: dict[str, Any]) -> str:
@@ -334,7 +385,7 @@ class Surveys(NamedTuple):
 
 def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
-    from survey.scoring.differencing.volume_change import average_survey, averaged_step_m
+    from survey.scoring.differencing.change_files import average_survey, averaged_step_m
 
     step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
     if step_m is None:

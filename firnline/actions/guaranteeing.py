@@ -59,6 +59,7 @@ def found_guarantee(
     """Return the guarantee; refuse with one sentence where it does not hold."""
     from planners.guarantee.guarantee import guarantee
 
+    progress("fitting the terrain's covariance", 0, 1)
     made = guarantee(area, prior, requirement, progress=progress)
     if not made.holds:
         raise NotMetError(refusal_text(made))
@@ -239,13 +240,13 @@ class AdaptivePlan(PlanResult):
 
 def plan_adaptive(request: PlanRequest, progress: Progress = no_progress) -> AdaptivePlan:
     """Plan the first swaths, or the next one after what was driven and measured."""
-    del progress
     if (request.driven is None) != (request.measured is None):
         raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
     if request.assume is not None:
         raise ConfigError("--adaptive fits the covariance to the survey; leave out --assume.")
     requirement = requirement_of(request)
     area, prior = prior_of(request)
+    progress("fitting the terrain's covariance", 0, 1)
     if request.driven is not None and request.measured is not None:
         return _plan_next(request, request.driven, request.measured, area, prior)
     return _plan_first(request, area, prior, requirement)

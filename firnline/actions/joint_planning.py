@@ -52,6 +52,7 @@ def survey_options(
     from sim.mission.capacity import require_mission
     from sim.mission.foresight import surveys_within
 
+    progress("building the site", 0, 1)
     world = require_mission(mission)
     tried: list[PredictedSurvey] = []
     found = surveys_within(

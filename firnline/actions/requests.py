@@ -35,6 +35,32 @@ Below = Annotated[
         help="Only ground of the area below this height of the prior [m], such as the tongue of a glacier; needs --prior.",
     ),
 ]
+Details = Annotated[
+    list[str],
+    Option(
+        "--detail",
+        metavar="NAME=VALUE",
+        help="What the report states beside: project, client, instrument, map-date or check-date; may be repeated.",
+    ),
+]
+_DETAILS = {
+    "project": "Project", "client": "Client", "instrument": "Instrument",
+    "map-date": "Date of the map", "check-date": "Date of the check survey",
+}  # fmt: skip
+
+
+def stated_details(details: list[str]) -> dict[str, str]:
+    """Return the rows of a report that ``--detail`` states, in the order of their titles' table."""
+    given = dict(detail.partition("=")[::2] for detail in details)
+    for detail in details:
+        name, _, value = detail.partition("=")
+        if name not in _DETAILS or not value.strip():
+            raise ConfigError(
+                f"--detail {detail!r} is no detail of a report; NAME=VALUE was expected, with one of the names {', '.join(_DETAILS)}."
+            )
+    return {title: given[name].strip() for name, title in _DETAILS.items() if name in given}
+
+
 NoPictures = Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")]
 Workers = Annotated[
     int | None,

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import survey
 from firnline.actions.interface import Argument, Option, refuse_existing
-from firnline.actions.requests import Layout, Lengths, RunOptions, Select, columns_option, epoch_option
+from firnline.actions.requests import (
+    Details,
+    Layout,
+    Lengths,
+    RunOptions,
+    Select,
+    columns_option,
+    epoch_option,
+    stated_details,
+)
 from survey.core import InputError
 
 if TYPE_CHECKING:
@@ -104,12 +113,18 @@ class ScoreRequest(RunOptions):
     language: Annotated[
         str, Option("--language", help="Language of the statements beside English: en or de.")
     ] = "en"
+    details: Details = field(default_factory=list)
     force: Annotated[bool, Option("--force", help="Replace a report that is there.")] = False
 
     @property
     def is_mission(self) -> bool:
         """Whether the source is a mission file."""
         return self.source.suffix == ".toml"
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """Project, client, instrument and dates that the report states."""
+        return stated_details(self.details)
 
     def check(self) -> None:
         """Refuse what cannot be done, before anything is read.
@@ -130,6 +145,8 @@ class ScoreRequest(RunOptions):
                 f"{self.source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
             )
         self._refuse_unused()
+        if self.stated and self.report is None:
+            raise InputError("--detail is stated in a report; add --report, or leave --detail out.")
         if self.epoch_s is not None and not (self.source / ICE_MOTION).exists():
             raise InputError(
                 f"--epoch moves a map with the ice, and {self.source} holds no {ICE_MOTION}; name the folder of a map on moving ice, "

@@ -291,7 +291,7 @@ def _reference_report(
     from survey.reporting.accuracy import ReportSetting, reference_report
 
     assert request.truth is not None
-    inputs = {"Map": request.source.name, "Reference": request.truth.name}
+    inputs = {**request.stated, "Map": request.source.name, "Reference": request.truth.name}
     setting = ReportSetting(request.source.stem, today(), inputs, request.language)
     return reference_report(setting, *compared, judged, area=area, classes=classes)
 
@@ -394,6 +394,7 @@ def _checkpoint_document(
     from survey.reporting.accuracy import ReportSetting, checkpoint_report
 
     inputs = {
+        **request.stated,
         "Map": request.source.name,
         "Checkpoints": str(request.checkpoints and request.checkpoints.name),
     }

@@ -76,9 +76,9 @@ def plan_season(request: PlanRequest, progress: Progress = no_progress) -> Seaso
     """Design two surveys; refuse where no design gives the wanted error."""
     from planners.season import design_season
 
-    del progress
     config = season_config(request)
     area, prior = prior_of(request)
+    progress("comparing numbers of swaths and stakes", 0, 1)
     design = design_season(area, prior, config)
     if not design.holds:
         raise NotMetError(_refusal(design))

@@ -17,6 +17,7 @@ from firnline.actions.interface import (
     Result,
     chosen_area,
     needs_live_extra,
+    read_about,
     refuse_existing,
     with_companions,
 )
@@ -42,6 +43,12 @@ class WatchRequest:
     select: Select = field(default_factory=list)
     route: Annotated[
         Path | None, Option("--route", help="Planned route, whose swaths are recognized as they are driven.")
+    ] = None
+    prior: Annotated[
+        Path | None,
+        Option(
+            "--prior", help="Coarse elevation raster; map and advice take its cells, as plan --adaptive does."
+        ),
     ] = None
     require: Annotated[str, Option("--require", help="Map class, e.g. class-3, or the largest RMSE [m].")] = (
         "class-3"
@@ -85,7 +92,7 @@ class WatchRequest:
     def inputs(self) -> list[Path | None]:
         """The files and folders that are read."""
         source = None if self.source is None or "://" in self.source else Path(self.source)
-        return [source, self.area, self.route, self.replay]
+        return [source, self.area, self.route, self.prior, self.replay]
 
 
 @dataclass(frozen=True)
@@ -274,17 +281,22 @@ def _watch(request: WatchRequest) -> "SurveyWatch":
     """Return the watch of a survey before its first sample."""
     from live.watch.survey_watch import SurveyWatch
     from planners.guarantee.adaptive import AdaptiveConfig
+    from planners.guarantee.requirement import MapRequirement
 
     if request.source is None or request.area is None or request.route is None:
         raise survey.ConfigError(
             "a source, --area and --route are needed to watch a survey; --replay needs a log alone."
         )
     route = read_route(request.route, None)
-    config = AdaptiveConfig(
+    wanted = MapRequirement(
         limit_of(request.require), request.probability, noise_m=request.noise_m, shared_m=request.shared_m
     )
     area = chosen_area(request.area, request, route.crs)
-    return SurveyWatch(area, config, list(route.legs), request.every_m)
+    if request.prior is None:
+        return SurveyWatch(area, AdaptiveConfig.of(wanted), list(route.legs), request.every_m)
+    prior = read_about(request.prior, area.bounds, area.crs, "the prior")
+    config = AdaptiveConfig.of_prior(wanted, area, prior)
+    return SurveyWatch(area, config, list(route.legs), request.every_m, prior=prior)
 
 
 def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) -> Iterator[dict[str, Any]]:

@@ -98,15 +98,25 @@ def desk(
         bool,
         typer.Option("--demo", help="Begin with real sample elevations, in the folder firnline-desk-demo."),
     ] = False,
+    background: Annotated[
+        str | None,
+        typer.Option(
+            "--background",
+            help="Picture of the ground below the map: GeoTIFF or MBTiles; or https://HOST/{z}/{x}/{y}.png, or a WMS with "
+            "layers=, whose host the page then asks for images.",
+        ),
+    ] = None,
 ) -> None:
     """Draw a survey on the map of its terrain, see the predicted error, and take the route along.
 
-    The page runs on this machine alone: it answers to 127.0.0.1, needs no network, and writes into the folder of
-    the terrain. The plan is stored there at every edit. Ctrl+C ends the server. Needs firnline[desk].
+    The page runs on this machine alone: it answers to 127.0.0.1, needs no network, asks no other host unless
+    --background names one, and writes into the folder of the terrain. The plan is stored there at every edit. Ctrl+C ends the server. Needs firnline[desk].
 
     For example:
 
       firnline desk srtm.tif
+
+      firnline desk srtm.tif --background orthophoto.tif
 
       firnline desk --demo
     """
@@ -118,7 +128,7 @@ def desk(
         raise InputError(
             f"the desk needs {error.name}, which is not installed; in the folder of firnline, run pipx install --force '.[desk]'."
         ) from error
-    serve(source, port=port, opens_browser=not no_browser, demo=demo)
+    serve(source, port=port, opens_browser=not no_browser, demo=demo, background=background)
 
 
 COMMANDS = {SurveyStep.PLAN: (desk, plan), SurveyStep.READ: (export,)}

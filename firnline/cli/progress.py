@@ -80,14 +80,14 @@ class RateColumn(ProgressColumn):
 
 
 # Time between lines of progress where there is no terminal [s].
-_LINE_EACH_S = 60.0
+_LINE_EACH_S = 10.0
 
 
 @contextmanager
 def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a progress callback (what, done, total) that shows a bar for each kind of work.
 
-    Without a terminal it prints a line each minute.
+    Without a terminal it prints a line at the first call, then one each ten seconds at most.
     """
     columns = (
         SpinnerColumn(),
@@ -101,14 +101,14 @@ def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]
     console = Console(stderr=True, quiet=quiet, highlight=False)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         tasks: dict[str, TaskID] = {}
-        printed_s = time.perf_counter()
+        printed_s = time.perf_counter() - _LINE_EACH_S
 
         def update(what: str, done: int, total: int) -> None:
             nonlocal printed_s
             if what not in tasks:
                 tasks[what] = bars.add_task(what, total=total)
             bars.update(tasks[what], completed=done, total=total)
-            if not console.is_terminal and time.perf_counter() - printed_s > _LINE_EACH_S:
+            if not console.is_terminal and time.perf_counter() - printed_s >= _LINE_EACH_S:
                 printed_s, left_s = time.perf_counter(), bars.tasks[tasks[what]].time_remaining
                 left = "" if left_s is None else f", about {duration_text(left_s)} left"
                 console.print(f"{what}: {done} of {total}{left}")

@@ -62,7 +62,9 @@ def change(request: actions.ChangeRequest, dry_run: DryRun = False, as_json: Jso
 
       firnline change 2026.tif 2024.tif --outline glacier.gpkg
 
-      firnline change 2026.tif srtm.tif --outline glacier.shp --align --density 900 --density-std 20
+      firnline change 2026.tif srtm.tif --outline rgi.shp --density 900 --density-std 20
+
+      firnline change 2026.tif 2024.tif --stable rock.gpkg
 
       firnline change 2026.tif 2024.tif --outline glacier.gpkg --report change.pdf
 

@@ -30,7 +30,7 @@ from numpy.polynomial import chebyshev
 from scipy import sparse
 from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
-from survey import GaussianProcessConfig, Grid, SurfacePoints
+from survey import Dem, GaussianProcessConfig, Grid, SurfacePoints
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
 from survey.reconstruction.gp.config import JointConfig
@@ -322,13 +322,15 @@ class LiveMap:
     """Map from a covariance of the terrain that stays as it is between updates.
 
     `kernel`: covariance of the terrain, as last fitted. `nugget_m`: standard deviation of relief too fine to
-    be mapped [m]. `grid`: nodes of the map. `memory_mb`: memory of the covariance [MB].
+    be mapped [m]. `grid`: nodes of the map. `memory_mb`: memory of the covariance [MB]. `prior`: coarse elevations whose
+    cells a map from samples takes as measurements.
     """
 
     kernel: Kernel
     nugget_m: float
     grid: Grid
     memory_mb: float = MEMORY_MB
+    prior: Dem | None = None
 
     def of_landmarks(self, points: SurfacePoints, path: PathError) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m] from landmarks and the error of their path."""
@@ -367,7 +369,7 @@ class LiveMap:
 
     def _terrain(self, path: PathError, joint: JointConfig) -> JointTerrain:
         config = GaussianProcessConfig(fit=False, kernel=self.kernel, nugget_m=self.nugget_m, mean="plane")
-        return JointTerrain(path, None, config, joint)
+        return JointTerrain(path, self.prior, config, joint)
 
 
 def _one_offset(sigma_m: float) -> PathError:

@@ -1,22 +1,24 @@
 """Log of a watch: JSON lines of what arrived and what it changed, which replay to the same bytes.
 
-The first line states the survey: area, requirement, planned legs. Lines with ``in`` are inputs: a sample, a silence, legs
+The first line states the survey: area, requirement, planned legs, and the prior where there is one. Lines with ``in`` are inputs: a sample, a silence, legs
 that the rover was sent along. All others follow from them.
 """
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
+from affine import Affine
 
 from live.watch.samples import Sample
 from live.watch.survey_watch import Event, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
-from survey import InputError, Leg, SurveyArea
+from planners.prediction.prior_cells import PriorCells
+from survey import Dem, InputError, Leg, SurveyArea
 from survey.core import parse_json, refusing_damage
 
 VERSION = 1
@@ -33,24 +35,36 @@ def line_of(entry: dict[str, Any]) -> str:
 
 def watch_header(watch: SurveyWatch) -> dict[str, Any]:
     """Return the first line of a log: everything that a replay needs."""
+    cells, prior = watch.config.cells, watch.prior
+    stated = {} if cells is None or prior is None else {"prior": _prior_as_lists(prior, cells.sigma_m)}
     return {
         "firnline_watch": VERSION,
         "crs": watch.area.crs.to_wkt(),
         "area": shapely.to_wkt(watch.area.polygon, rounding_precision=-1),
         "no_go": [shapely.to_wkt(zone, rounding_precision=-1) for zone in watch.area.no_go],
-        "requirement": asdict(watch.config),
+        "requirement": asdict(replace(watch.config, cells=None)),
         "every_m": watch.every_m,
         "grid_m": watch.grid_m,
         "legs": legs_as_lists(watch.legs),
+        **stated,
     }
+
+
+def _prior_as_lists(prior: Dem, sigma_m: float) -> dict[str, Any]:
+    """Return a prior as lists of numbers, None where a cell is unknown, with the deviation of a cell [m]."""
+    heights = [[z if np.isfinite(z) else None for z in row] for row in prior.elevation.tolist()]
+    return {"sigma_m": sigma_m, "transform": list(prior.transform)[:6], "elevation_m": heights}
 
 
 def watch_of(heading: dict[str, Any]) -> SurveyWatch:
     """Return the watch that a first line states."""
     zones = tuple(shapely.from_wkt(text) for text in heading["no_go"])
     area = SurveyArea(shapely.from_wkt(heading["area"]), heading["crs"], zones)
-    config = AdaptiveConfig(**heading["requirement"])
-    return SurveyWatch(area, config, legs_of(heading["legs"]), heading["every_m"], heading["grid_m"])
+    config, prior = AdaptiveConfig(**heading["requirement"]), None
+    if stated := heading.get("prior"):
+        prior = Dem(np.array(stated["elevation_m"], dtype=float), Affine(*stated["transform"]), area.crs)
+        config = replace(config, cells=PriorCells.of(prior, area, stated["sigma_m"]))
+    return SurveyWatch(area, config, legs_of(heading["legs"]), heading["every_m"], heading["grid_m"], prior)
 
 
 def legs_as_lists(legs: list[Leg]) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ from planners.config import settings_factor
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveState
 from planners.guarantee.requirement import reachable_class
 from planners.prediction.error_distribution import MapPrediction
-from survey import Grid, InputError, Leg, Route, SurveyArea
+from survey import Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.kernels import Kernel
 
@@ -217,7 +217,8 @@ class SurveyWatch:
     `area`: what is to be mapped. `config`: requirement on the map, and errors of the samples. `legs`: planned
     legs in driving order; a swath that is advised is added when the rover is sent there. `every_m`: distance
     between updates of the map [m]. `grid_m`: step of the map [m]; a sixtieth of the longer side by default.
-    The map reaches beyond the area by less than a step. `advice`: that of the last swath. `samples`: one for
+    The map reaches beyond the area by less than a step. `prior`: coarse elevations that the map is made with, whose cells
+    `config` holds. `advice`: that of the last swath. `samples`: one for
     each step. `latest_map`: height and standard deviation (H, W) [m] on `grid` after the last update.
     """
 
@@ -226,6 +227,7 @@ class SurveyWatch:
     legs: list[Leg]
     every_m: float = 25.0
     grid_m: float | None = None
+    prior: Dem | None = None
     advice: Advice | None = None
     samples: list[Sample] = field(default_factory=list)
     latest_map: tuple[FloatArray, FloatArray] | None = None
@@ -287,7 +289,7 @@ class SurveyWatch:
         sigma = np.array([one.sigma_m for one in self.samples])
         noise = np.hypot(sigma, self.config.noise_m)
         nugget = float(np.sqrt(self.advice.unseen_m2))
-        live = LiveMap(self.advice.kernel, nugget, self.grid)
+        live = LiveMap(self.advice.kernel, nugget, self.grid, prior=self.prior)
         return live.of_samples(self.xyz, noise, self.config.shared_m)
 
     def _keep(self, sample: Sample) -> None:

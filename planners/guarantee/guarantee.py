@@ -234,16 +234,14 @@ class SwathSearch:
         shapes = list(self.patterns())
         for done, shape in enumerate(shapes):
             if progress is not None:
-                progress("predicting patterns", done, len(shapes) + 1)
+                progress("predicting patterns", done, len(shapes))
             n = self.fewest(shape)
             route = self._route(shape, n or self.counts[-1])[1]
             reached_m = 0.0 if n else self._reachable_m(shape)
             tried.append((n is None, reached_m, n or self.counts[-1], route.length_m, shape))
-        if progress is not None:
-            progress("simulating surveys", len(shapes), len(shapes) + 1)
         is_missed, _, n, _, shape = min(tried, key=lambda one: one[:4])
         simulated = SimulatedSurveys(self.model, self.prior, self.requirement)
-        found = self._proven(shape, n, simulated, may_grow=not is_missed)
+        found = self._proven(shape, n, simulated, may_grow=not is_missed, progress=progress)
         is_refuted = found.is_contradicted and not found.holds
         return replace(found, unstated_m=self._unstated_m()) if is_refuted else found
 
@@ -256,12 +254,18 @@ class SwathSearch:
         yield LawnmowerConfig(swaths=1, inset_share=0.5, heading_deg=self.heading_deg)
 
     def _proven(
-        self, shape: LinePattern, n: int, simulated: SimulatedSurveys, *, may_grow: bool
+        self,
+        shape: LinePattern,
+        n: int,
+        simulated: SimulatedSurveys,
+        *,
+        may_grow: bool,
+        progress: Progress | None,
     ) -> Guarantee:
         """Try a survey in simulation, and denser ones where it contradicts the prediction."""
         rest = [count for count in self.counts if count >= n][: _MOST_TRIALS if may_grow else 1]
         for count in rest:
-            errors = simulated.errors(self._route(shape, count)[1])
+            errors = simulated.errors(self._route(shape, count)[1], progress)
             result = self._guarantee(shape, count, errors)
             if result.holds:
                 break

@@ -23,7 +23,7 @@ from planners.prediction.error_model import ErrorModel
 from planners.prediction.places import places, spread_places
 from planners.prediction.prior_cells import PriorCells, mean_of_four
 from survey import Dem, Grid, Route, SurveyArea
-from survey.core import FloatArray, stream
+from survey.core import FloatArray, Progress, stream
 from survey.reconstruction.gp.kernel_search import ALL, Cell, FoundKernel, KernelSearch
 from survey.reconstruction.gp.kernels import SquaredExponential, Stationary
 from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, kernel_field
@@ -190,7 +190,7 @@ class SimulatedSurveys:
         self._world = ConditionalTerrain(cells, self._weighted.kernel, grid)
         self._drawn: list[_Drawn] = []
 
-    def errors(self, route: Route) -> SimulatedErrors:
+    def errors(self, route: Route, progress: Progress | None = None) -> SimulatedErrors:
         """Return the error of the map of simulated surveys: of more of them until they show whether it is met.
 
         There are `n_simulations` of them, and as many again while the confidence limits of their share lie on both sides
@@ -199,13 +199,15 @@ class SimulatedSurveys:
         limit_m, probability = self.requirement.limit_m, self.requirement.probability
         n = self.requirement.n_simulations
         xy = self._near(places(route, self.requirement.sample_step_m))
-        found = self._surveyed(xy, 0, n)
         needed = np.log(1.0 - _CONFIDENCE) / np.log(min(probability, _MOST_SHOWN))
         most = max(_MOST_BATCHES * n, int(np.ceil(needed)))
-        while len(found.rmse_m) < most and not found.prove(limit_m, probability):
-            if found.bounds(limit_m)[1] < probability:
+        found = SimulatedErrors(np.empty(0), ())
+        for first in range(0, most, n):
+            if progress is not None:
+                progress("simulating surveys", first, most)
+            found = found.and_more(self._surveyed(xy, first, n))
+            if found.prove(limit_m, probability) or found.bounds(limit_m)[1] < probability:
                 break
-            found = found.and_more(self._surveyed(xy, len(found.rmse_m), n))
         return found
 
     def _surveyed(self, xy: FloatArray, first: int, n: int) -> SimulatedErrors:

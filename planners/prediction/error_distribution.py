@@ -30,9 +30,9 @@ from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
@@ -241,9 +241,15 @@ class Correlogram:
 
     def between(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return the correlation (A, B) of places (A, 2) with places (B, 2) [m]."""
-        read: FloatArray = _read(
-            np.ascontiguousarray(a), np.ascontiguousarray(b), self._table, 1.0 / self._step_m
-        )
+        share = cdist(a, b)
+        share *= 1.0 / self._step_m
+        step = np.minimum(share.astype(np.int32), len(self._table) - 2)
+        share -= step
+        np.minimum(share, 1.0, out=share)
+        read: FloatArray = (1.0 - share) * self._table.take(step)
+        step += 1
+        share *= self._table.take(step)
+        read += share
         return read
 
 
@@ -275,20 +281,6 @@ class MeanCorrelogram(Correlogram):
             for lag in lags:
                 total += self.cell.correlation(np.square(to + lag).sum(axis=1))
         return total / (len(_DIRECTIONS) * len(lags))
-
-
-@njit(cache=True)
-def _read(a: FloatArray, b: FloatArray, table: FloatArray, per_m: float) -> FloatArray:
-    """Return the correlations (A, B), linear between the entries of the table."""
-    read = np.empty((len(a), len(b)))
-    last = len(table) - 2
-    for i in range(len(a)):
-        for j in range(len(b)):
-            place = per_m * np.sqrt((a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2)
-            k = min(int(place), last)
-            share = min(place - k, 1.0)
-            read[i, j] = (1.0 - share) * table[k] + share * table[k + 1]
-    return read
 
 
 _N_NODES = 200
@@ -398,7 +390,11 @@ class MapPredictor:
         It is the weighted geometric mean over the covariances, as the expected error is.
         """
         weights = [one.weight for one in posterior.kernels]
-        found = self._left_at_nodes(xy, posterior) if at is None else self._left(xy, posterior, at)
+        found = (
+            self._left_at_nodes(xy, posterior)
+            if at is None
+            else self._left(xy, posterior, at, only_variance=True)
+        )
         logs = [np.log(np.maximum(one.variance, 1e-12)) for one in found]
         variance: FloatArray = np.exp(np.average(logs, axis=0, weights=weights))
         return variance
@@ -439,9 +435,15 @@ class MapPredictor:
         return part
 
     def _left(
-        self, xy: FloatArray, posterior: KernelPosterior, at: FloatArray, own_m2: FloatArray | None = None
+        self,
+        xy: FloatArray,
+        posterior: KernelPosterior,
+        at: FloatArray,
+        own_m2: FloatArray | None = None,
+        *,
+        only_variance: bool = False,
     ) -> list[_Left]:
-        """Return what the map leaves at places (M, 2), for each covariance."""
+        """Return what the map leaves at places (M, 2), for each covariance; with `only_variance` the rest is zero."""
         n_kernels = len(posterior.kernels)
         own_m2 = np.zeros(len(xy)) if own_m2 is None else own_m2
         thin = self._averaged(xy)
@@ -455,7 +457,7 @@ class MapPredictor:
                 key = one.correlation_key
                 if key not in seen:
                     seen[key] = self._seen(group, one, at)
-                left = self._under(one, seen[key], group, at)
+                left = self._under(one, seen[key], group, at, only_variance=only_variance)
                 variance[k, group.places], noise[k, group.places] = left.variance, left.noise
                 squared[k] += left.squared
         return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
@@ -508,7 +510,9 @@ class MapPredictor:
         known, per_m2 = one.known, 1.0 / one.variance_m2
         return lambda a, b: per_m2 * known.covariance(a, b)
 
-    def _under(self, one: WeightedKernel, seen: _Seen, group: _Group, at: FloatArray) -> _Left:
+    def _under(
+        self, one: WeightedKernel, seen: _Seen, group: _Group, at: FloatArray, *, only_variance: bool
+    ) -> _Left:
         """Return what is left at a group's places under one covariance."""
         scale_m2, n_places = self.inflation**2 * one.variance_m2, len(group.places)
         errors = self._errors(one, group)
@@ -520,6 +524,8 @@ class MapPredictor:
         ones, explained = half[:, 0], half[:, 1:]
         gap = (1.0 - ones @ explained) / (ones @ ones)
         left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) * (ones @ ones)
+        if only_variance:
+            return _Left(scale_m2 * left + one.unseen_m2, np.zeros(n_places), 0.0)
         weights = lapack.dtrtrs(factor, explained + np.outer(ones, gap), lower=1, trans=1)[0]
         noise = np.einsum("ij,ij->j", weights, errors @ weights)
         n = min(n_places, _N_IN_COMMON)

@@ -1,6 +1,6 @@
 r"""Posterior distribution of the terrain's covariance, from the cells of a prior or from a survey.
 
-`PriorBlocks.fit` is the restricted likelihood of a covariance, from blocks of cells of a prior. A cell shows the mean
+`PriorBlocks.fits` is the restricted likelihood of a covariance, from blocks of cells of a prior. A cell shows the mean
 over a square of the product's effective resolution. Blocks of neighbouring cells are taken as independent of one
 another, so that a prior of any size is read at its own resolution.
 
@@ -55,6 +55,23 @@ class Block(NamedTuple):
     row: IntArray
     column: IntArray
     height_m: FloatArray
+
+
+class _Layout(NamedTuple):
+    """Blocks whose cells lie alike: rows and columns (N,), what each varies about (N, T), heights (N, B) [m]."""
+
+    row: IntArray
+    column: IntArray
+    basis: FloatArray
+    height_m: FloatArray
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block]) -> Self:
+        """Join blocks; each varies about a plane, or about a constant where there are few cells."""
+        plane = _plane(blocks[0])
+        is_plane = len(plane) >= 2 * _LEAST_CELLS and np.linalg.matrix_rank(plane) == 3
+        heights = np.column_stack([block.height_m for block in blocks])
+        return cls(blocks[0].row, blocks[0].column, plane if is_plane else plane[:, :1], heights)
 
 
 class Fit(NamedTuple):
@@ -112,7 +129,8 @@ class PriorBlocks:
     def relief_m(self) -> float:
         """Standard deviation of the cells' heights about the planes of their blocks [m]."""
         rest = [
-            block.height_m - basis @ (np.linalg.pinv(basis) @ block.height_m) for block, basis in self._bases
+            (one.height_m - one.basis @ (np.linalg.pinv(one.basis) @ one.height_m)).ravel()
+            for one in self._layouts
         ]
         return float(np.sqrt(np.mean(np.square(np.concatenate(rest)))))
 
@@ -122,12 +140,19 @@ class PriorBlocks:
         rises = [(np.linalg.pinv(_plane(block)) @ block.height_m)[1:] for block in self.blocks]
         return float(np.sqrt(np.mean([np.square(rise).sum() for rise in rises]))) / self.cell_m
 
-    def fit(self, kernel: Kernel, ratio: float) -> Fit | None:
-        """Return the likeliest variance for a covariance of unit variance, with white errors of the cells.
+    def fits(self, kernel: Kernel, ratios: Sequence[float]) -> list[Fit | None]:
+        """Return the likeliest variance for a covariance of unit variance, with white errors of the cells, for each ratio.
+
+        `ratios`: variances of the errors over that of the terrain.
 
         Returns: None where rounding makes a covariance indefinite.
         """
-        parts = [self._part(block, basis, kernel, ratio) for block, basis in self._bases]
+        covariances = [self._covariance(layout, kernel) for layout in self._layouts]
+        return [self._fit(covariances, ratio) for ratio in ratios]
+
+    def _fit(self, covariances: list[FloatArray], ratio: float) -> Fit | None:
+        """Return the likeliest variance for covariances (N, N) of all layouts."""
+        parts = [_part(*pair, ratio) for pair in zip(self._layouts, covariances, strict=True)]
         known = [part for part in parts if part is not None]
         if len(known) < len(parts):
             return None
@@ -138,38 +163,21 @@ class PriorBlocks:
         return Fit(variance, log_likelihood, n_free)
 
     @cached_property
-    def _bases(self) -> list[tuple[Block, FloatArray]]:
-        """Blocks with the plane (N, 3) that each varies about, or a constant (N, 1) where there are few cells."""
-        found = []
+    def _layouts(self) -> list[_Layout]:
+        """Blocks whose cells lie alike, which have one covariance."""
+        alike: dict[tuple[bytes, bytes], list[Block]] = {}
         for block in self.blocks:
-            plane = _plane(block)
-            is_plane = len(plane) >= 2 * _LEAST_CELLS and np.linalg.matrix_rank(plane) == 3
-            found.append((block, plane if is_plane else plane[:, :1]))
-        return found
+            alike.setdefault((block.row.tobytes(), block.column.tobytes()), []).append(block)
+        return [_Layout.of(blocks) for blocks in alike.values()]
 
-    def _part(
-        self, block: Block, basis: FloatArray, kernel: Kernel, ratio: float
-    ) -> tuple[float, int, float] | None:
-        """Return squared residual, degrees of freedom and log determinants of one block."""
-        matrix = self._covariance(block, kernel)
-        matrix[np.diag_indices(len(matrix))] += ratio + 1e-8
-        factor, failed = lapack.dpotrf(matrix.T, lower=1, clean=1)
-        if failed:
-            return None
-        half = lapack.dtrtrs(factor, np.column_stack([basis, block.height_m]), lower=1)[0]
-        q, r = np.linalg.qr(half[:, :-1])
-        rest = half[:, -1] - q @ (q.T @ half[:, -1])
-        logs = -np.log(np.diag(factor)).sum() - np.log(np.abs(np.diag(r))).sum()
-        return float(rest @ rest), len(matrix) - basis.shape[1], float(logs)
-
-    def _covariance(self, block: Block, kernel: Kernel) -> FloatArray:
+    def _covariance(self, layout: _Layout, kernel: Kernel) -> FloatArray:
         """Return the covariance (N, N) of what the cells of a block show, by how many rows and columns they are apart."""
+        row, column = layout.row, layout.column
         lags, weights = self._within
-        down, right = np.arange(np.ptp(block.row) + 1), np.arange(np.ptp(block.column) + 1)
+        down, right = np.arange(np.ptp(row) + 1), np.arange(np.ptp(column) + 1)
         steps = self.cell_m * np.stack(np.meshgrid(right, down), axis=-1)
         table = kernel.covariance_of_lag(steps[:, :, None, :] + lags) @ weights
-        apart = np.abs(block.row[:, None] - block.row), np.abs(block.column[:, None] - block.column)
-        covariance: FloatArray = table[apart]
+        covariance: FloatArray = table[np.abs(row[:, None] - row), np.abs(column[:, None] - column)]
         return covariance
 
     @cached_property
@@ -181,6 +189,21 @@ class PriorBlocks:
         lags = (flat[:, None] - flat).reshape(-1, 2)
         distinct, counts = np.unique(np.round(lags, 6), axis=0, return_counts=True)
         return distinct, counts / len(lags)
+
+
+def _part(layout: _Layout, covariance: FloatArray, ratio: float) -> tuple[float, int, float] | None:
+    """Return squared residuals, degrees of freedom and log determinants of blocks whose cells lie alike."""
+    matrix = covariance.copy()
+    matrix[np.diag_indices(len(matrix))] += ratio + 1e-8
+    factor, failed = lapack.dpotrf(matrix.T, lower=1, clean=1)
+    if failed:
+        return None
+    half = lapack.dtrtrs(factor, np.column_stack([layout.basis, layout.height_m]), lower=1)[0]
+    n_columns, n_blocks = layout.basis.shape[1], layout.height_m.shape[1]
+    q, r = np.linalg.qr(half[:, :n_columns])
+    rest = half[:, n_columns:] - q @ (q.T @ half[:, n_columns:])
+    logs = -np.log(np.diag(factor)).sum() - np.log(np.abs(np.diag(r))).sum()
+    return float(np.square(rest).sum()), n_blocks * (len(matrix) - n_columns), n_blocks * float(logs)
 
 
 def _plane(block: Block) -> FloatArray:
@@ -271,8 +294,7 @@ def _weighed(blocks: PriorBlocks, family: SearchedFamily) -> Iterator[_Weighed]:
         for length in np.exp2(np.arange(first, last + 0.01, 1.0 / _LENGTHS_PER_DOUBLING)):
             cell = Cell.of(family, float(length), 0.0)
             lost = 1.0 - float(cell.kernel(1.0).covariance_of_lag(half_cell))
-            for ratio in _RATIOS:
-                fit = shown.fit(cell.kernel(1.0), ratio)
+            for ratio, fit in zip(_RATIOS, shown.fits(cell.kernel(1.0), _RATIOS), strict=True):
                 if fit is not None:
                     yield _with_roughness(shown, cell, ratio, fit, lost)
 

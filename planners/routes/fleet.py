@@ -8,22 +8,24 @@ distance from one another.
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from planners.capacity import require_waypoints
 from planners.routes.rover import Mobility, Turning, effort
 from planners.routes.shortest_paths import FreeGround
-from planners.routes.tours import Tours
 from survey import ConfigError, Dem, InputError, Leg
 from survey.core import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from planners.routes.tours import Tours
 
 
 class FleetRows:
     """Time that a rover needs for a row of items, returns to its depot included."""
 
-    def __init__(self, tours: Tours, mobility: Mobility, dem: Dem | None) -> None:
+    def __init__(self, tours: "Tours", mobility: Mobility, dem: Dem | None) -> None:
         self.tours, self.mobility = tours, mobility
         self.n_rovers = len(tours.depots)
         efforts = [effort(swath, mobility, dem) for swath in tours.swaths]
@@ -157,11 +159,13 @@ def share(
     if not len(places):
         raise ConfigError("no depot was given; name one per rover.")
     ends = places if finishes is None else np.array(finishes, dtype=np.float64).reshape(-1, 2)
+    from planners.routes.tours import Tours
+
     tours = Tours(swaths, ground, list(zip(places, ends, strict=True)), axes=axes, turning=turning)
     return tours.until_turns_fit(lambda: _shared(tours, mobility or Mobility(), dem))
 
 
-def _shared(tours: Tours, mobility: Mobility, dem: Dem | None) -> tuple[Leg, ...]:
+def _shared(tours: "Tours", mobility: Mobility, dem: Dem | None) -> tuple[Leg, ...]:
     """Cut the best tour into one row per rover, balance the rows, and drive them."""
     rows = FleetRows(tours, mobility, dem)
     legs: list[Leg] = []

@@ -6,7 +6,6 @@ and left where it begins. `Transits` holds the lengths of the ways between ends,
 The search is compiled; it finds no proven optimum.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,14 +14,8 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from planners.capacity import MOST_LINES
-from planners.routes.shortest_paths import Network, search
+from planners.routes.visibility import Network, search
 from survey.core import CapacityError, FloatArray, IntArray
-
-
-def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
-    """Return the first and last points (2 N, 2) of the swaths, swath by swath."""
-    return np.array([[swath[0], swath[-1]] for swath in swaths], dtype=np.float64).reshape(-1, 2)
-
 
 _NEIGHBOURS = 10
 

@@ -14,7 +14,6 @@ import shapely
 from planners.routes.local_search import (
     Transits,
     boustrophedon,
-    ends_of,
     improved,
     nearest_next,
     tour_length,
@@ -22,7 +21,7 @@ from planners.routes.local_search import (
     transits,
 )
 from planners.routes.rover import Turning
-from planners.routes.shortest_paths import FreeGround
+from planners.routes.shortest_paths import FreeGround, ends_of
 from planners.routes.turns import Pose, Turns, turn_length_m
 from survey import FirnlineError, InputError, Leg
 from survey.core import FloatArray, IntArray, stream

@@ -12,8 +12,7 @@ import shapely
 from shapely import Polygon
 
 from planners.config import SwathConfig
-from planners.routes.local_search import ends_of
-from planners.routes.shortest_paths import FreeGround
+from planners.routes.shortest_paths import FreeGround, ends_of
 from planners.swaths.reference_lines import CRUMB_M, axes_of, lines_over, pieces_on
 from survey.core import ConfigError, FloatArray, InputError, IntArray
 

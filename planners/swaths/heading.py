@@ -6,7 +6,13 @@ from shapely import MultiPolygon, Polygon
 
 from planners.config import HeadingRule, SwathConfig
 from planners.routes.shortest_paths import FreeGround
-from planners.swaths.reference_lines import axes_of, lines_over, narrowest_heading, shortest_m
+from planners.swaths.reference_lines import (
+    axes_of,
+    lines_over,
+    narrowest_heading,
+    shortest_m,
+    stretch_lengths,
+)
 from survey import Dem, InputError
 from survey.core import FloatArray
 
@@ -79,8 +85,9 @@ def undivided_heading(
 
     def n_pieces(heading_deg: float) -> int:
         lines, spacing_m = lines_over(ground.polygon, config, heading_deg, turn_m)
-        pieces = shapely.get_parts(shapely.intersection(ground.polygon, shapely.linestrings(lines)))
-        return int((shapely.length(pieces) >= shortest_m(config, spacing_m, turn_m)).sum())
+        offsets = np.array([line[0] for line in lines]) @ axes_of(heading_deg)[1]
+        pieces = np.concatenate(stretch_lengths(ground.polygon, heading_deg, offsets))
+        return int((pieces >= shortest_m(config, spacing_m, turn_m)).sum())
 
     return float(min(headings[widths <= as_narrow * widths[0]], key=n_pieces))
 

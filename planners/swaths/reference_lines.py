@@ -95,13 +95,49 @@ def lines_over(
         spacing_m = width / (n - 1 + 2.0 * config.outer_share)
         offsets = sides[0] + 0.5 * (width - (n - 1) * spacing_m) + spacing_m * np.arange(n)
         lines: list[FloatArray] = [reach[:, None] * along + offset * left for offset in offsets]
-        outer = shapely.intersection(ground, shapely.linestrings([lines[0], lines[-1]]))
-        longest = np.array([shapely.length(shapely.get_parts(cut)).max(initial=0.0) for cut in outer])
+        outer = stretch_lengths(ground, heading_deg, offsets[[0, -1]])
+        longest = np.array([lengths.max(initial=0.0) for lengths in outer])
         is_tip = longest < shortest_m(config, spacing_m, turn_m)
         if n == 1 or not is_tip.any():
             break
         sides = sides + 0.5 * spacing_m * is_tip * np.array([1.0, -1.0])
     return lines, float(spacing_m)
+
+
+def stretch_lengths(ground: Any, heading_deg: float, offsets: FloatArray) -> list[FloatArray]:
+    """Return the lengths of the stretches of parallel lines within a polygon, its border included, line by line [m].
+
+    The crossings with the border pair up along a line. Where a line touches corners or runs along the border, what lies just
+    to its left and just to its right both counts.
+
+    `offsets`: of the lines to the left of the heading [m].
+
+    >>> stretch_lengths(shapely.box(0.0, 0.0, 9.0, 5.0), 0.0, np.array([0.0, 2.0, 5.0, 7.0]))
+    [array([9.]), array([9.]), array([9.]), array([], dtype=float64)]
+    """
+    along, left = axes_of(heading_deg)
+    xy, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(ground)), return_index=True)
+    u, v, is_edge = xy @ along, xy @ left, np.diff(ring) == 0
+    found = []
+    for offset in offsets:
+        sides = []
+        for above in (v > offset, v >= offset):
+            k = np.flatnonzero((above[:-1] != above[1:]) & is_edge)
+            at = u[k] + (offset - v[k]) / (v[k + 1] - v[k]) * (u[k + 1] - u[k])
+            sides.append(np.sort(at).reshape(-1, 2))
+        begins, ends = _joined(np.vstack(sides)).T
+        found.append(ends - begins)
+    return found
+
+
+def _joined(stretches: FloatArray) -> FloatArray:
+    """Return the union of stretches (N, 2) of a line, those that touch as one."""
+    stretches = stretches[np.argsort(stretches[:, 0], kind="stable")]
+    reach = np.maximum.accumulate(stretches[:, 1])
+    is_first = np.r_[True, stretches[1:, 0] > reach[:-1]][: len(stretches)]
+    is_last = np.r_[is_first[1:], True][: len(stretches)]
+    joined: FloatArray = np.column_stack([stretches[is_first, 0], reach[is_last]])
+    return joined
 
 
 def shortest_m(config: SwathConfig, spacing_m: float, turn_m: float) -> float:

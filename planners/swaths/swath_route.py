@@ -3,7 +3,8 @@
 `swath_route` lays swaths of any shape along reference lines, adds tie lines across them, and joins them. On a
 rectangle that the swaths run along, one rover that pivots sweeps them back and forth. Otherwise the lines are cut to
 the free ground with room for turns at their ends. `join_swaths` orders swaths and joins them by the shortest transits
-found, or shares them among the rovers of a fleet. Both load compiled functions: layouts import them when they are called.
+found, or shares them among the rovers of a fleet. Swaths back and forth load no compiled
+loops.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +17,6 @@ from planners.config import SwathConfig
 from planners.routes.fleet import share
 from planners.routes.rover import Crew, Rover, homes_of
 from planners.routes.shortest_paths import FreeGround
-from planners.routes.tours import connect
 from planners.routes.turns import headland_m
 from planners.steering import SteeredConfig
 from planners.swaths.decomposition import clip_lines, swaths_on, without_headland
@@ -125,6 +125,8 @@ def join_swaths(
     Turning radii, several rovers, batteries and a place to finish are those of the crew. `corner` (2,): where the area
     has no start, the route begins at the end of a swath nearest to it [m]. `shortest_m`, `bends`: as in `worth_driving`.
     """
+    from planners.routes.tours import connect
+
     ground = FreeGround(area.free)
     clipped = [
         Swath(xy, swath.axis) for swath in swaths for xy in clip_lines(ground, [swath.xy]) if len(xy) > 1

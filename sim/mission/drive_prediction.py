@@ -12,6 +12,7 @@ from scipy import sparse
 
 from planners.planning import planned_on
 from planners.prediction.assumptions import MapAssumptions
+from planners.prediction.error_distribution import ErrorDistribution
 from planners.prediction.error_model import ErrorModel
 from planners.routes.replanning import with_way_home
 from planners.routes.rover import Crew
@@ -21,9 +22,8 @@ from sim.mission.localization import localize_recording
 from sim.simulate.simulation import simulate_statistical
 from sim.world.moving_ice import in_ice_order
 from sim.world.site import World
-from survey import ConfigError, Dem, Grid, Route, SurfacePoints
-from survey.core import FloatArray
-from survey.data import PathError
+from survey.core import ConfigError, FloatArray
+from survey.data import Dem, Grid, PathError, Route, SurfacePoints
 from survey.reconstruction.joint.shared_errors import LandmarkErrors, height_levers, keyframes_of
 
 # Patches of ground whose landmarks' shared errors are taken as a whole.
@@ -71,29 +71,11 @@ class PredictedSurvey(NamedTuple):
 def predict_survey(
     mission: MissionConfig, world: World, *, limit_m: float, model: ErrorModel | None = None
 ) -> PredictedSurvey:
-    r"""Predict the error of the map of a mission, with all that its landmarks share.
-
-    The mission is driven over the prior. The error between its landmarks is that of `ErrorModel`, as in every plan. What
-    the path adds follows from its posterior: with the covariance W Λ⁻¹ Wᵀ of the errors that landmarks share, the covariance of
-    the map is larger by a part whose mean over the map is its level.
+    """Predict the error of the map of a mission, with all that its landmarks share.
 
     `limit_m`: largest RMSE [m]. `model`: predictor of the error for this prior, as `error_model_of` returns it.
     """
-    if mission.fidelity == "ideal":
-        raise ConfigError(
-            "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
-        )
-    model = model or error_model_of(mission, world)
-    points, path, route = _driven(mission, world)
-    predictor, fine = model.predictor, _Patches.of(points, model.errors.sample_step_m)
-    posterior = model.posterior.of_means(fine.localization_m, fine.n_in_one)
-    relief = predictor.distribution(fine.xy, posterior, fine.own_m2)
-    few = fine
-    while len(few.xy) > _MOST_SHARED:
-        few = _Patches.of(points, 1.25 * few.side_m)
-    one = model.posterior.of_means(few.localization_m, few.n_in_one).likeliest
-    part = predictor.shared_part(few.xy, one, few.own_m2, few.shared_m2(points, path, mission))
-    found = relief.with_part(part)
+    found, route = predicted_drive(mission, world, model or error_model_of(mission, world))
     tie_lines = getattr(mission.planner, "tie_lines", 0)
     return PredictedSurvey(
         route.n_lines - tie_lines,
@@ -106,6 +88,31 @@ def predict_survey(
         tie_lines,
         "adjacent" if mission.ice is None else mission.ice.swath_order,
     )
+
+
+def predicted_drive(
+    mission: MissionConfig, world: World, model: ErrorModel
+) -> tuple[ErrorDistribution, Route]:
+    r"""Return the distribution of the error of a mission's map, and the route.
+
+    The mission is driven over the prior. The error between its landmarks is that of `ErrorModel`, as in every plan. What
+    the path adds follows from its posterior: with the covariance W Λ⁻¹ Wᵀ of the errors that landmarks share, the covariance of
+    the map is larger by a part whose mean over the map is its level.
+    """
+    if mission.fidelity == "ideal":
+        raise ConfigError(
+            "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
+        )
+    points, path, route = _driven(mission, world)
+    predictor, fine = model.predictor, _Patches.of(points, model.errors.sample_step_m)
+    posterior = model.posterior.of_means(fine.localization_m, fine.n_in_one)
+    relief = predictor.distribution(fine.xy, posterior, fine.own_m2)
+    few = fine
+    while len(few.xy) > _MOST_SHARED:
+        few = _Patches.of(points, 1.25 * few.side_m)
+    one = model.posterior.of_means(few.localization_m, few.n_in_one).likeliest
+    part = predictor.shared_part(few.xy, one, few.own_m2, few.shared_m2(points, path, mission))
+    return relief.with_part(part), route
 
 
 def error_model_of(mission: MissionConfig, world: World) -> ErrorModel:

@@ -144,7 +144,7 @@ def resolved_text(mission: MissionConfig) -> str:
 
 
 _COMPUTING = (
-    "firnline", "numpy", "scipy", "numba", "finufft", "gtsam", "opencv-python-headless", "mujoco",
+    "firnline", "numpy", "scipy", "numba", "finufft", "opencv-python-headless", "mujoco",
     "pybullet", "rasterio", "pyproj", "shapely", "scikit-image", "scikit-learn",
 )  # fmt: skip
 

@@ -73,7 +73,15 @@ class Outlines(NamedTuple):
         column = next(iter(self._columns(_IDENTIFIERS)), None)
         if column is None:
             return self.names
-        return [f"{column}={_text(value)}" for value in self.features.attributes[column]]
+        return [f"{column}={identifier}" for identifier in self.identifiers]
+
+    @property
+    def identifiers(self) -> list[str]:
+        """Number of each feature in an inventory; empty where the file has none."""
+        column = next(iter(self._columns(_IDENTIFIERS)), None)
+        if column is None:
+            return [""] * len(self.roles)
+        return [_text(value) for value in self.features.attributes[column]]
 
     @property
     def of_inventory(self) -> bool:

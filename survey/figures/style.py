@@ -94,29 +94,30 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     b'\x89PNG'
     """
     buffer = io.BytesIO()
-    settings: dict[str, Any] = {
-        "metadata": {"Software": None},
-        "pil_kwargs": {"compress_level": _COMPRESSION},
-    }
-    figure.savefig(buffer, format="png", dpi=dpi, **settings)
+    _drawn(figure, dpi).save(buffer, "PNG", dpi=(dpi, dpi), compress_level=_COMPRESSION)
     return buffer.getvalue()
 
 
 @styled
 def page_image(figure: Figure) -> Image:
-    """Draw a figure for a page: two pixels for each CSS pixel.
+    """Draw a figure for a page: two pixels for each CSS pixel."""
+    return _drawn(figure, SHARP_DPI).convert("RGB")
 
-    `Figure.savefig` draws a figure with a layout engine twice; here it is laid out and drawn at once, with the same
+
+def _drawn(figure: Figure, dpi: int) -> Image:
+    """Draw a figure in red, green, blue and opacity, with so many pixels per inch.
+
+    `Figure.savefig` draws a figure twice, first for its layout; here it is laid out and drawn at once, with the same
     pixels. Canvas and resolution of the figure stay as they are.
     """
-    canvas, dpi = figure.canvas, figure.dpi
+    canvas, own_dpi = figure.canvas, figure.dpi
     drawn: Any = FigureCanvasAgg(figure)
     try:
-        figure.set_dpi(SHARP_DPI)
-        drawn.draw()
-        return frombuffer("RGBA", drawn.get_width_height(), drawn.buffer_rgba()).convert("RGB")
-    finally:
         figure.set_dpi(dpi)
+        drawn.draw()
+        return frombuffer("RGBA", drawn.get_width_height(), drawn.buffer_rgba())
+    finally:
+        figure.set_dpi(own_dpi)
         figure.set_canvas(canvas)
 
 

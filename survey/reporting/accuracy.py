@@ -387,10 +387,12 @@ def change_report(
         "Map of the change of height",
         "Later minus earlier survey; pale where the change is not significant at 95 %.",
     )
-    cited = [ROLSTAD, HUSS] + ([NUTH] if change.shift is not None else [])
+    cited = [ROLSTAD, HUSS] + ([NUTH] if change.alignment is not None else [])
     flows = (_flows(facts),) if "along_flow" in facts else ()
+    common = facts_table("difference", "Difference on all common ground", statistics_facts(change.statistics))
+    tables = (common, *((_volumes(facts), _masses(facts)) if change.volumes else ()))
     sections = (
-        Chapter("Result", paragraphs=_sentences(facts), tables=(_volumes(facts), _masses(facts), *flows)),
+        Chapter("Result", paragraphs=_sentences(facts), tables=(*tables, *flows)),
         Chapter("Map", figures=(figure,)),
         Chapter("What was compared", tables=(_inputs(setting, change, facts),)),
         Chapter("Assumptions", paragraphs=(*map(_as_sentence, change.notes), _assumption(facts))),
@@ -459,8 +461,8 @@ def _inputs(setting: ReportSetting, change: Change, facts: Mapping[str, Any]) ->
         "Density": f"{facts['density_kg_m3']:g} ± {facts['density_std_kg_m3']:g} kg/m³",
         "Errors from": change.method,
         "Unchanged ground": f"{change.n_stable} cells",
-        "Mean difference subtracted": number(change.offset_m, "m"),
-        "Shift of the earlier survey": _shift(facts["shift"]),
+        "Median difference subtracted": number(change.offset_m, "m"),
+        **_alignment(facts["alignment"]),
         "Significant cells": percent(facts["significant_share"]),
     }
     if variogram is not None:
@@ -468,10 +470,22 @@ def _inputs(setting: ReportSetting, change: Change, facts: Mapping[str, Any]) ->
     return facts_table("inputs", "Surveys and settings", rows)
 
 
-def _shift(shift: Mapping[str, float] | None) -> str:
-    if shift is None:
-        return "none"
-    return f"{shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
+def _alignment(found: Mapping[str, Any] | None) -> dict[str, str]:
+    """Return what was corrected of the earlier survey, with its standard deviations."""
+    if found is None:
+        return {"Alignment of the earlier survey": "none"}
+    groups = {
+        "Shift of the earlier survey": ("m", {"east_m": "east", "north_m": "north", "up_m": "up"}),
+        "Its tilt": ("m/km", {"tilt_east_m_per_km": "east", "tilt_north_m_per_km": "north"}),
+        "Its bias by curvature": ("m²", {"curvature_bias_m2": ""}),
+    }
+    return {
+        title: ", ".join(
+            f"{found[name]:+.3f} ± {found['std'].get(name, 0.0):.3f} {unit} {word}".strip()
+            for name, word in terms.items()
+        )
+        for title, (unit, terms) in groups.items()
+    }
 
 
 def _shown(value: Any) -> str:

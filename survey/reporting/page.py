@@ -20,6 +20,7 @@ from survey.data.trajectory import Trajectory
 from survey.figures.calibration import held_out_plot
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot
 from survey.figures.paths import deviation_from_route, error_over_distance
+from survey.reconstruction.terrain_map import Reconstruction
 from survey.reporting.quantities import TableRow, named_values, number, percent, setting
 from survey.reporting.rendering import Picture, animation_of, picture_of, render
 from survey.reporting.survey_results import (
@@ -205,7 +206,7 @@ def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
         "std": picture_of(
             figures.deviation_map(reconstruction, area=area, route=route),
             "Map of the claimed standard deviation",
-            "Standard deviation of the map: small along the swaths, larger between them.",
+            deviation_caption(reconstruction, route),
         ),
         "support": picture_of(
             figures.support_map(reconstruction, area=area, route=route),
@@ -222,6 +223,20 @@ def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
             "Density of the measured points.",
         )
     return pictures
+
+
+# Deviations on the route below this share of the others are called small along it.
+_SMALL_SHARE = 0.8
+
+
+def deviation_caption(reconstruction: Reconstruction, route: Route) -> str:
+    """Return the caption of the map of standard deviations; it calls them small along the swaths only where they are."""
+    std = reconstruction.std
+    paths = [route.sample(std.step_m, rover).xy for rover in range(route.n_rovers)]
+    along, everywhere = std.at(np.vstack(paths)), std.elevation
+    if np.isfinite(along).any() and np.nanmedian(along) < _SMALL_SHARE * np.nanmedian(everywhere):
+        return "Standard deviation of the map: small along the swaths, larger between them."
+    return "Standard deviation of the map."
 
 
 def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:

@@ -113,10 +113,10 @@ def page(gate: Gate) -> Page:
 class DeskServer:
     """Server of a workspace in a thread of its own."""
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: Workspace, images_from: str = "") -> None:
         listener = _listener(0)
         self.workspace = workspace
-        self.gate = Gate(desk_app(workspace), listener.getsockname()[1])
+        self.gate = Gate(desk_app(workspace), listener.getsockname()[1], None, images_from)
         self._server = uvicorn.Server(server_config(self.gate))
         self._thread = threading.Thread(target=lambda: self._server.run(sockets=[listener]), daemon=True)
         self._thread.start()

@@ -56,7 +56,7 @@ HELD = {
     "survey.reconstruction.method": "MappedTerrain MappingTask ReconstructionMethod ScanSettings",
     "survey.reconstruction.prior": "ErrorScale PriorErrors",
     "survey.reconstruction.registry": "ReconstructionConfig",
-    "survey.scoring.differencing.coregistration": "Shift",
+    "survey.scoring.differencing.coregistration": "SurveyAlignment",
     "survey.scoring.differencing.variogram": "Structure Variogram",
     "survey.scoring.differencing.volume_change": "AlongFlow FlowBalance MassBalance",
     "survey.scoring.coverage": "NodeCounts",

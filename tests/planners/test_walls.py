@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.routes.shortest_paths import sees, walls
+from planners.routes.visibility import sees, walls
 
 
 def edges_of(polygon: shapely.Polygon) -> np.ndarray:

@@ -60,6 +60,11 @@ class Drive:
         return filter_path(self.recording, self.path, self.config)
 
     @property
+    def has_images(self) -> bool:
+        """Whether the odometry is that of images processed here."""
+        return self.visual is not None and self.visual.has_images
+
+    @property
     def with_all_fixes(self) -> "Drive":
         """The drive with all fixes, also those that were removed because they contradict it."""
         return self if self.ungated is None else self.ungated
@@ -119,6 +124,9 @@ def measure_motion(recording: Recording, config: LocalizationConfig, visual: Vis
                 "the recording has odometry and no sightings; without landmarks there is no surface to map."
             )
         return Drive(recording.with_odometry(recording.odometry, recording.sightings), settings)
+    if not visual.has_images:
+        of_wheels = replace(recording, wheels=None).with_odometry(visual.odometry, visual.sightings)
+        return Drive(of_wheels, settings.with_wheel_errors(), visual, visual.notes)
     if visual.ignores_wheels:
         recording = replace(recording, wheels=None)
     check_images(visual, has_wheels=recording.wheels is not None, gps=recording.gps)

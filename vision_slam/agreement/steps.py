@@ -120,7 +120,7 @@ def _of_longest_run(odometry: Odometry, gps: GpsFixes) -> GpsFixes:
 
 def scale_to_fixes(drive: Drive) -> Drive:
     """Scale visual odometry without wheels to the extent of the fixes."""
-    if drive.visual is None or drive.recording.wheels is not None:
+    if drive.visual is None or not drive.has_images or drive.recording.wheels is not None:
         return drive
     gps = _of_longest_run(drive.visual.odometry, drive.recording.gps)
     factor, sigma = fit_scale(drive.visual, drive.recording.start, gps)
@@ -138,9 +138,9 @@ def check_shape(drive: Drive) -> Drive:
     if drive.visual is None or drive.is_interrupted:
         return drive
     shapes = (drive.path, drive.recording.odometry.time_s, drive.recording.gps, drive.config)
-    if drive.recording.wheels is not None:
+    if drive.recording.wheels is not None or not drive.has_images:
         refuse_other_wheel_scale(*shapes)
-    note = tilt_note(*shapes)
+    note = tilt_note(*shapes) if drive.has_images else None
     return drive if note is None else drive.noted(note)
 
 
@@ -228,9 +228,12 @@ def follow_fixes(drive: Drive) -> Drive:
     """Replace odometry that predicts the fixes worse than their neighbours do by lines between them."""
     recording, config = along_fixes(drive.recording, drive.config)
     followed = replace(drive, recording=recording, config=config, follows_fixes=True)
+    advice = "check the units of wheels and gyro, and times"
+    if drive.has_images:
+        advice = "and landmarks are not to be mapped: check focal length, lens distortion, order of the images and times"
     return followed.noted(
         "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes, "
-        "and landmarks are not to be mapped: check focal length, lens distortion, order of the images and times"
+        + advice
     )
 
 

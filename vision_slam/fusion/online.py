@@ -18,7 +18,8 @@ from vision_slam.fusion.error_terms import (
     stated_errors,
 )
 from vision_slam.fusion.particle_filter import GyroTurn, ParticleFilter
-from vision_slam.motion import GyroErrors, gyro_residual_rad
+from vision_slam.motion import GyroErrors, dead_reckoning, gyro_residual_rad
+from vision_slam.odometry.odometer import VisualOdometry
 
 _SET_OFF_M = 5.0
 _HALF_S = 0.25  # to either side, over which the velocity is taken
@@ -144,6 +145,35 @@ def predicted_covariance(odometry: Odometry, config: LocalizationConfig) -> Floa
         filtered.move(step, seconds, metres, turn)
         covariance.append(filtered.estimate().covariance)
     return np.array(covariance)
+
+
+def adjusted_covariance(
+    visual: VisualOdometry, config: LocalizationConfig, wheel_scale_sigma: float
+) -> FloatArray:
+    r"""Return the covariances of positions (N, 3, 3) by the global bundle adjustment, with what it does not model [m²].
+
+    To the scatter of the tracks the errors of images are added that all tracks of a drive share: with r the place relative to
+    the first pose and s the travel,
+
+    .. math:: C + σ_{step}^2 s I + φ(s)^2 (|r|^2 I - r r^T) + σ_{scale}^2 r r^T, \qquad φ(s)^2 = φ_0^2 + w^2 s
+
+    where φ_0 is the tilt, w the walk of the heading, and errors of bridged steps and turns are added up.
+    """
+    images, odometry = config.images, visual.odometry
+    path = dead_reckoning(odometry, np.zeros(3))
+    travel = np.r_[0.0, np.cumsum(np.linalg.norm(odometry.step, axis=1))]
+    step, turn = (
+        np.zeros(len(path)) if errors is None else np.r_[0.0, np.cumsum(errors**2)]
+        for errors in (odometry.step_sigma_m, odometry.turn_sigma_rad)
+    )
+    tilt_deg = np.hypot(images.tilt_bias_sigma_deg, images.tilt_sigma_deg)
+    walk = np.radians(images.heading_walk_deg_sqrt_m) ** 2 * travel
+    swing = np.radians(tilt_deg) ** 2 + walk + turn
+    along = path[:, :, None] * path[:, None, :]
+    across = (path**2).sum(axis=1)[:, None, None] * np.eye(3) - along
+    own = (images.step_sigma_m**2 * travel + step)[:, None, None] * np.eye(3)
+    scale = images.scale_sigma**2 + wheel_scale_sigma**2
+    return np.asarray(visual.adjusted_covariance + own + swing[:, None, None] * across + scale * along)
 
 
 class _Clock:

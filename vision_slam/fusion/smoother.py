@@ -443,6 +443,25 @@ def place_landmarks(
     return points if by_range else _most_informative(points, path, config)
 
 
+_CONTACT_M = 0.02  # height of the wheels over the ground that they stand on, 1 σ
+
+
+def ground_of_path(recording: OdometryRecording, path: SmoothedPath) -> SurfacePoints:
+    """Return the ground below the poses, whose errors are shared as those of the path are."""
+    own = np.tile(_CONTACT_M**2 * np.eye(3), (len(path.position), 1, 1))
+    return SurfacePoints(
+        path.position,
+        covariance=_symmetric(own + path.covariance[:, :3, :3]),
+        origins=path.position + recording.camera_in_body_m,
+        body=path.position,
+        crs=recording.crs,
+        vertical_datum=recording.vertical_datum,
+        own_covariance=own,
+        keyframe=path.error.keyframe_at(recording.odometry.time_s),
+        heading_rad=path.attitude_rad[:, 2],
+    )
+
+
 def _most_informative(points: SurfacePoints, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:
     """Select the landmarks that lower the variance of a map the most, in their order."""
     length_m = float(np.linalg.norm(np.diff(path.position, axis=0), axis=1).sum())

@@ -5,8 +5,9 @@ drift from the bearings of ridges over many keyframes: it needs the complete dri
 over more than 12 m.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +22,21 @@ from vision_slam.odometry.tracks import Track
 _LEAST_LANDMARK_SIGHTS = 4
 _GREATEST_RANGE_M = 60.0
 _GREATEST_ERROR_PX = 1.5
+
+
+class EndedTrack(NamedTuple):
+    """Observations of a corner that is not followed any more: keyframes (N,), unit rays (N, 3), and whether it is far."""
+
+    keyframes: IntArray
+    rays: FloatArray
+    is_far: bool
+
+    @classmethod
+    def of(cls, track: Track) -> "EndedTrack":
+        """Return the observations of a track in less memory."""
+        return cls(
+            np.array(track.keyframes, dtype=np.int64), np.array(track.rays).reshape(-1, 3), track.is_far
+        )
 
 
 class LandmarkTriangulator:
@@ -44,46 +60,43 @@ class LandmarkTriangulator:
         self._frame: list[int] = []
         self._offset: list[FloatArray] = []
         self._covariance: list[FloatArray] = []
-        self._range_m: list[float] = []
+        self._range_m: list[FloatArray] = []
 
-    def add(self, tracks: list[Track], poses: list[FloatArray], frame_of: dict[int, int]) -> None:
-        """Triangulate tracks; `frame_of` gives the first frame of each keyframe."""
+    def add(self, tracks: Sequence[Track | EndedTrack], poses: FloatArray, frame_of: IntArray) -> None:
+        """Triangulate tracks under poses (K, 4, 4); `frame_of` (K,) is the first frame of each keyframe."""
         near = [track for track in tracks if not track.is_far and len(track.rays) >= _LEAST_LANDMARK_SIGHTS]
         if not near:
             return
         points, information, error, is_good = intersected(*self._sights(near, poses))
         is_good &= error <= _GREATEST_ERROR_PX / self._focal_px
-        for index in np.flatnonzero(is_good).tolist():
-            first, last = (poses[near[index].keyframes[end]] for end in (0, -1))
-            range_m = float(np.linalg.norm(points[index] - first[:3, 3]))
-            if range_m > _GREATEST_RANGE_M:
-                continue
-            arm = last[:3, :3].T @ (points[index] - last[:3, 3])
-            self._frame.append(frame_of[near[index].keyframes[-1]])
-            self._offset.append(arm)
-            self._covariance.append(
-                self._own(information[index], last[:3, :3]) + _of_poses(arm, self._config)
-            )
-            self._range_m.append(range_m)
+        ends = np.array([[poses[track.keyframes[end]] for end in (0, -1)] for track in near])
+        range_m = np.linalg.norm(points - ends[:, 0, :3, 3], axis=1)
+        chosen = np.flatnonzero(is_good & (range_m <= _GREATEST_RANGE_M))
+        turn, place = ends[chosen, 1, :3, :3], ends[chosen, 1, :3, 3]
+        arm = np.einsum("nji,nj->ni", turn, points[chosen] - place)
+        self._frame += [int(frame_of[near[index].keyframes[-1]]) for index in chosen.tolist()]
+        self._offset.append(arm)
+        self._covariance.append(self._own(information[chosen], turn) + _of_poses(arm, self._config))
+        self._range_m.append(range_m[chosen])
 
     def _sights(
-        self, tracks: list[Track], poses: list[FloatArray]
+        self, tracks: Sequence[Track | EndedTrack], poses: FloatArray
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return the rays (T, N, 3) of tracks in the window's frame, where they begin, and which there are."""
         shape = len(tracks), max(len(track.rays) for track in tracks)
         rays, places, there = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=np.bool_)
         rays[..., 2] = 1.0
-        eyes = {k: poses[k] @ self._T_body_camera for k in {k for track in tracks for k in track.keyframes}}
+        eyes = poses @ self._T_body_camera
         for row, track in enumerate(tracks):
-            eye = np.array([eyes[k] for k in track.keyframes])
+            eye = eyes[track.keyframes]
             rays[row, : len(eye)] = np.einsum("nij,nj->ni", eye[:, :3, :3], np.array(track.rays))
             places[row, : len(eye)], there[row, : len(eye)] = eye[:, :3, 3], True
         return rays, places, there
 
     def _own(self, information: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return the covariance (3, 3) that pixels alone give, in the body frame [m²]."""
+        """Return the covariances (N, 3, 3) that pixels alone give, in the body frame [m²]."""
         sigma = self._config.landmark_pixel_factor * self.pixel_sigma / self._focal_px
-        own: FloatArray = sigma**2 * (turn.T @ np.linalg.inv(information) @ turn)
+        own: FloatArray = sigma**2 * (turn.transpose(0, 2, 1) @ np.linalg.inv(information) @ turn)
         return own
 
     @property
@@ -91,15 +104,16 @@ class LandmarkTriangulator:
         """All of them."""
         return Sightings(
             np.array(self._frame, dtype=np.int64),
-            np.array(self._offset).reshape(-1, 3),
-            np.array(self._covariance).reshape(-1, 3, 3),
-            np.array(self._range_m),
+            np.concatenate([np.zeros((0, 3)), *self._offset]),
+            np.concatenate([np.zeros((0, 3, 3)), *self._covariance]),
+            np.concatenate([np.zeros(0), *self._range_m]),
         )
 
 
 def _of_poses(arm: FloatArray, config: VisualOdometryConfig) -> FloatArray:
-    along = np.outer(arm, arm)
-    across = (arm @ arm) * np.eye(3) - along
+    """Return the covariances (N, 3, 3) of arms (N, 3) by the errors of the poses [m²]."""
+    along = arm[:, :, None] * arm[:, None, :]
+    across = (arm**2).sum(axis=1)[:, None, None] * np.eye(3) - along
     spread: FloatArray = (
         np.radians(config.landmark_attitude_deg) ** 2 * across + config.landmark_scale_sigma**2 * along
     )
@@ -201,7 +215,7 @@ class FarFeatures:
         self._pixel_rad = 2.0 / float(camera.matrix[0, 0] + camera.matrix[1, 1])
         self._sights: list[tuple[IntArray, FloatArray]] = []
 
-    def add(self, tracks: list[Track]) -> None:
+    def add(self, tracks: Sequence[Track | EndedTrack]) -> None:
         """Add the observations of finished tracks that were far and long."""
         for track in tracks:
             if not track.is_far or track.keyframes[-1] - track.keyframes[0] < _LEAST_SPAN:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from survey import Camera
 from survey.core import BoolArray, DataObject, FloatArray, IntArray
@@ -11,8 +12,9 @@ from survey.data.sensors.odometry import Odometry, Sightings
 from vision_slam.attitude import initial_pose, rotations, world_attitudes
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import MotionSensors
+from vision_slam.odometry.global_adjustment import UNCHANGED, LensChange, adjusted_path
 from vision_slam.odometry.health import IDLE_WHEELS, FrameHealth, bridged_errors, is_lost
-from vision_slam.odometry.landmarks import FarFeatures, LandmarkTriangulator
+from vision_slam.odometry.landmarks import EndedTrack, FarFeatures, LandmarkTriangulator
 from vision_slam.odometry.scale_drift import (
     bridge_scale_jumps,
     camera_height_ratio,
@@ -21,11 +23,14 @@ from vision_slam.odometry.scale_drift import (
     smoothed_steps,
     travel_between,
 )
-from vision_slam.odometry.self_calibration import LensEstimate
+from vision_slam.odometry.self_calibration import LensEstimate, estimate_lens
 from vision_slam.odometry.sensor_checks import mounting_note
-from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.readers.sequence import VisionRecords
+
+_LEAST_SIGHTS = 3  # of a track that adjustment and triangulation use
+_AT_A_TIME = 500  # tracks that are triangulated
+_NO_IMAGES = "the recording has no images: the path is that of wheels, gyro and fixes, as far as it has them"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +60,11 @@ class VisualOdometry(DataObject):
     n_repeated : int
         Images that are the same as the one before, byte by byte, and were left out. Wheels say whether
         the camera stands or repeats itself; without wheels the next other image decides.
+    adjusted_covariance : (N, 3, 3) ndarray, optional
+        Covariances of the positions relative to the first by the global bundle adjustment, in the frame of its first pose; None
+        where there was none.
+    has_images : bool
+        False where the recording has no images, and the odometry is that of wheels and gyro.
 
     Notes
     -----
@@ -70,10 +80,14 @@ class VisualOdometry(DataObject):
     lever_arm_m: FloatArray | None = None
     ignores_wheels: bool = False
     n_repeated: int = 0
+    adjusted_covariance: FloatArray | None = None
+    has_images: bool = True
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was found about the lens, the wheels and repeated images, one sentence each."""
+        if not self.has_images:
+            return (_NO_IMAGES,)
         lens = () if self.lens is None else (self.lens.note,)
         wheels = (IDLE_WHEELS,) if self.ignores_wheels else ()
         repeated = f"images repeated to the last byte were left out: {self.n_repeated}"
@@ -121,11 +135,7 @@ class VisualOdometer:
         self._newest: Image | None = None
         self._repeated: list[float] = []
         self._n_repeated = 0
-        self._landmarks = LandmarkTriangulator(camera, self.slam.config)
-        self._far_features = FarFeatures(camera)
-        self._frame_of: dict[int, int] = {}
-        self._n_frames = 0
-        self.ended: list[Track] | None = None
+        self._ended: list[EndedTrack] = []
 
     def add_image(self, image: Image, time_s: float) -> None:
         """Process the next image; the records must reach its time [s].
@@ -157,34 +167,99 @@ class VisualOdometer:
         if slam.keyframe_turn is not None:
             noise = float(np.radians(slam.config.gyro_sigma_deg))
             sensors.learn(*slam.keyframe_turn, noise, has_far_features=slam.holds_heading)
-        self._triangulate_ended(slam.window.newest - slam.config.n_free)
+        self._keep_ended()
 
-    def finish(self, records: VisionRecords) -> VisualOdometry:
-        """Return the odometry of all images, levelled by the inertial records of the drive."""
+    def finish(
+        self, records: VisionRecords, given: Camera | None = None, used: LensChange = UNCHANGED
+    ) -> VisualOdometry:
+        """Return the odometry of all images after global bundle adjustment, levelled by the inertial records of the drive.
+
+        `given`: the calibration, where the lens is to be estimated; `used`: how that of the images differs from it.
+        """
         slam = self.slam
         if self._newest is not None and self._repeated:  # nothing shows any more that the camera moves
             self._follow(self._newest, self._repeated[-1])
             self._n_repeated += len(self._repeated) - 1
             self._repeated = []
         slam.finished += slam.live_tracks
-        self._triangulate_ended(slam.window.newest)
-        found = _corrected(slam, self._landmarks.sightings, self._far_features, records)
-        return replace(found, lever_arm_m=self._lever_arm_m, n_repeated=self._n_repeated)
+        self._keep_ended()
+        poses, tracks = np.array(slam.window.poses), self._ended
+        lens, path, camera = None, None, slam.camera
+        if given is not None:
+            given = replace(given, T_body_camera=camera.T_body_camera)
+            lens, path = estimate_lens(given, poses, tracks, slam.motions, slam.config, used=used)
+            tracks = _read_by(lens.camera, used.applied(given), tracks)
+            camera = lens.camera
+        elif not camera.distortion_is_assumed:
+            path = adjusted_path(camera, poses, tracks, slam.motions, slam.config)
+        is_adjusted = path is not None and (lens is None or lens.is_accepted)
+        drive = _FinishedDrive(
+            slam, camera, path.poses if path is not None and is_adjusted else poses, tracks
+        )
+        found = _corrected(drive, records)
+        covariance = None if path is None else path.covariance[drive.keyframe]
+        return replace(
+            found,
+            lens=lens,
+            lever_arm_m=self._lever_arm_m,
+            n_repeated=self._n_repeated,
+            adjusted_covariance=covariance,
+        )
 
-    def _triangulate_ended(self, last_settled: int) -> None:
-        """Triangulate the tracks that ended before the window, whose poses are final."""
-        slam = self.slam
-        for index in range(self._n_frames, len(slam.frames)):
-            self._frame_of.setdefault(slam.frames[index].keyframe, index)
-        self._n_frames = len(slam.frames)
-        ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
-        if ended:
-            slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
-            self._landmarks.pixel_sigma = slam.window.pixel_sigma
-            self._landmarks.add(ended, slam.window.poses, self._frame_of)
-            self._far_features.add(ended)
-            if self.ended is not None:
-                self.ended += ended
+    def _keep_ended(self) -> None:
+        """Keep the observations of the tracks that ended."""
+        self._ended += [
+            EndedTrack.of(track) for track in self.slam.finished if len(track.rays) >= _LEAST_SIGHTS
+        ]
+        self.slam.finished = []
+
+
+class _FinishedDrive:
+    """Keyframe poses (K, 4, 4), frame poses (N, 4, 4) and tracks of a finished drive."""
+
+    def __init__(self, slam: VisualSlam, camera: Camera, poses: FloatArray, tracks: list[EndedTrack]) -> None:
+        self.slam, self.camera, self.poses, self.tracks = slam, camera, poses, tracks
+        self.keyframe = np.array([frame.keyframe for frame in slam.frames])
+        self.time_s = np.array([frame.time_s for frame in slam.frames])
+
+    def frame_poses(self) -> FloatArray:
+        """Return the poses of the frames; between keyframes the change by the adjustment is spread over time."""
+        before, relative = (
+            np.array(self.slam.window.poses),
+            np.array([frame.relative for frame in self.slam.frames]),
+        )
+        placed: FloatArray = self.poses[self.keyframe] @ relative
+        if np.array_equal(before, self.poses):
+            return placed
+        first = np.unique(self.keyframe, return_index=True)[1]
+        begin_s = self.time_s[first]
+        steps = [np.linalg.inv(poses[:-1]) @ poses[1:] for poses in (before, self.poses)]
+        change = np.linalg.inv(steps[0]) @ steps[1]
+        at = np.minimum(self.keyframe, len(change) - 1)
+        share = (self.time_s - begin_s[at]) / np.maximum(begin_s[at + 1] - begin_s[at], 1e-9)
+        share = np.where(self.keyframe < len(change), share, 0.0)
+        turn = Rotation.from_rotvec(share[:, None] * Rotation.from_matrix(change[at, :3, :3]).as_rotvec())
+        placed[:, :3, 3] += np.einsum("nij,nj->ni", placed[:, :3, :3], share[:, None] * change[at, :3, 3])
+        placed[:, :3, :3] = placed[:, :3, :3] @ turn.as_matrix()
+        return placed
+
+    def sightings(self) -> Sightings:
+        """Triangulate the near tracks."""
+        landmarks = LandmarkTriangulator(self.camera, self.slam.config)
+        landmarks.pixel_sigma = self.slam.window.pixel_sigma
+        first = np.searchsorted(self.keyframe, np.arange(len(self.poses)))
+        for start in range(0, len(self.tracks), _AT_A_TIME):
+            landmarks.add(self.tracks[start : start + _AT_A_TIME], self.poses, first)
+        return landmarks.sightings
+
+
+def _read_by(camera: Camera, before: Camera, tracks: list[EndedTrack]) -> list[EndedTrack]:
+    """Return tracks whose rays are those of their pixels under another lens."""
+    if not tracks or camera == before:
+        return tracks
+    rays = camera.rays(before.project(np.concatenate([track.rays for track in tracks])))
+    ends = np.cumsum([len(track.rays) for track in tracks])[:-1]
+    return [track._replace(rays=part) for track, part in zip(tracks, np.split(rays, ends), strict=True)]
 
 
 def _at_origin(camera: Camera) -> Camera:
@@ -194,13 +269,10 @@ def _at_origin(camera: Camera) -> Camera:
     return replace(camera, T_body_camera=mount)
 
 
-def _corrected(
-    slam: VisualSlam, sightings: Sightings, far_features: FarFeatures, records: VisionRecords
-) -> VisualOdometry:
+def _corrected(drive: _FinishedDrive, records: VisionRecords) -> VisualOdometry:
     """Correct scale drift, level the attitudes and correct the heading by far features."""
-    poses = np.array([slam.pose(frame) for frame in slam.frames])
-    times = np.array([frame.time_s for frame in slam.frames])
-    factor = _scale_factors(slam, sightings, records)
+    slam, poses, times, sightings = drive.slam, drive.frame_poses(), drive.time_s, drive.sightings()
+    factor = _scale_factors(drive, sightings, records)
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
@@ -213,7 +285,9 @@ def _corrected(
         rolled_m = travel_between(records.wheels, times)
         steps, sightings, health = bridge_scale_jumps(steps, rolled_m, sightings, health, height_m)
         # The distance of ridges is assumed in metres, which images alone do not have.
-        attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
+        far_features = FarFeatures(drive.camera)
+        far_features.add(drive.tracks)
+        attitude[:, 2] -= far_features.drift_rad(*_levelled(drive, poses, attitude))
     errors = bridged_errors(
         steps,
         np.diff(times),
@@ -226,22 +300,19 @@ def _corrected(
     return VisualOdometry(odometry, sightings, health, lost)
 
 
-def _scale_factors(slam: VisualSlam, sightings: Sightings, records: VisionRecords) -> FloatArray:
+def _scale_factors(drive: _FinishedDrive, sightings: Sightings, records: VisionRecords) -> FloatArray:
     """Return the factor of scale of each frame (N,)."""
-    keyframe, poses = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
     # Without a gyro the path bends up and down too much to use the height of the camera.
-    height_m = 0.0 if records.inertial is None else float(slam.camera.T_body_camera[2, 3])
-    ratio = camera_height_ratio(poses, sightings, keyframe[sightings.pose], height_m)
-    factor: FloatArray = scale_corrections(poses, np.array(slam.rolled_m), ratio)[keyframe]
+    height_m = 0.0 if records.inertial is None else float(drive.slam.camera.T_body_camera[2, 3])
+    ratio = camera_height_ratio(drive.poses, sightings, drive.keyframe[sightings.pose], height_m)
+    factor: FloatArray = scale_corrections(drive.poses, np.array(drive.slam.rolled_m), ratio)[drive.keyframe]
     return factor
 
 
 def _levelled(
-    slam: VisualSlam, poses: FloatArray, attitude_rad: FloatArray
+    drive: _FinishedDrive, poses: FloatArray, attitude_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return rotations (K, 3, 3) and positions (K, 3) of the keyframes, levelled, and the keyframe of each frame."""
-    _, first, of_frame = np.unique(
-        [frame.keyframe for frame in slam.frames], return_index=True, return_inverse=True
-    )
+    _, first, of_frame = np.unique(drive.keyframe, return_index=True, return_inverse=True)
     turned = attitude_rad[first] - [0.0, 0.0, attitude_rad[0, 2]]
     return rotations(turned), poses[first, :3, 3], of_frame

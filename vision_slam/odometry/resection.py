@@ -9,24 +9,34 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
-import gtsam
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from survey import Camera
 from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import GAP_S, RelativeMotion
+from vision_slam.odometry.window_adjustment import (
+    exp_rotation,
+    log_rotation,
+    product,
+    rotated,
+    solve_symmetric,
+    turned_back,
+)
+
+_N_RESECTIONS = 10
+_LEAST_DISTANCE = 1e-9
 
 
 def resect(
     predicted: FloatArray,
     points: FloatArray,
-    is_far: BoolArray,
     rays: FloatArray,
     *,
-    angle_sigma: float,
+    angle_sigma: FloatArray | float,
     turn_sigma: float,
     shift_sigma: float,
 ) -> tuple[FloatArray, FloatArray]:
@@ -36,63 +46,126 @@ def resect(
     Geman-McClure weights w = (1 + e²/c²)⁻²; u are the measured unit rays and û those that
     the pose gives. Points at infinity move with the rotation only.
 
-    `predicted` (4, 4): camera to world. `points` (N, 3): world places, or unit directions where `is_far`.
-    `is_far` (N,) bool: which are directions. `rays` (N, 3): unit, camera frame. `angle_sigma`: error of a ray
+    `predicted` (4, 4): camera to world. `points` (N, 4): homogeneous coordinates in the world; the last is 0 for
+    directions. `rays` (N, 3): unit, camera frame. `angle_sigma` (N,) or one for all: error of a ray
     [rad]. `turn_sigma`, `shift_sigma`: error of the prediction [rad], [m]. Returns `pose` (4, 4): camera to
     world. `errors` (N,): angle between measured and expected ray [rad].
     """
-    rotation, place = predicted[:3, :3].copy(), predicted[:3, 3].copy()
-    base_turn, base_place = rotation.copy(), place.copy()
-    for iteration in range(10):
-        expected, distance = _expected_rays(rotation, place, points, is_far)
-        error = rays - expected
-        # From a wide basin to a narrow one, so that a bad prediction does not reject good points.
-        width = angle_sigma * max(3.0, 24.0 * 0.6**iteration)
-        weight = (1.0 + (error**2).sum(axis=1) / width**2) ** -2 / angle_sigma**2
-        jacobian = _ray_jacobian(expected, distance, is_far)
-        normal = np.einsum("n,nki,nkj->ij", weight, jacobian, jacobian)
-        right = np.einsum("n,nki,nk->i", weight, jacobian, error)
-        normal[:3, :3] += np.eye(3) / turn_sigma**2
-        normal[3:, 3:] += np.eye(3) / shift_sigma**2
-        right[:3] -= cv2.Rodrigues(base_turn.T @ rotation)[0].ravel() / turn_sigma**2
-        right[3:] -= rotation.T @ (place - base_place) / shift_sigma**2
-        step = np.linalg.solve(normal, right)
-        place = place + rotation @ step[3:]
-        rotation = rotation @ cv2.Rodrigues(step[:3])[0]
-        if iteration > 5 and np.abs(step).max() < 1e-6:
-            break
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, place
-    expected, _ = _expected_rays(rotation, place, points, is_far)
+    sigma = np.broadcast_to(np.asarray(angle_sigma, dtype=np.float64), len(rays)).copy()
+    pose = predicted.copy()
+    pose[:3, :3], pose[:3, 3] = _resected(
+        *_parted(predicted), points, rays, sigma, turn_sigma**-2, shift_sigma**-2
+    )
+    expected, _ = _expected_rays(pose[:3, :3], pose[:3, 3], points)
     return pose, np.linalg.norm(rays - expected, axis=1)
 
 
-def resection_information(
-    pose: FloatArray, points: FloatArray, is_far: BoolArray, angle_sigma: float
-) -> FloatArray:
+def _parted(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rotation and place of a pose, contiguous for compiled loops."""
+    return np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
+
+
+@njit(cache=True)
+def _resected(  # noqa: PLR0917 - compiled functions take no keywords
+    rotation: FloatArray,
+    place: FloatArray,
+    points: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    turn_information: float,
+    shift_information: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return rotation and place of `resect`; the information is that of the prediction [1/rad², 1/m²]."""
+    base_turn, base_place = rotation, place
+    for iteration in range(_N_RESECTIONS):
+        # From a wide basin to a narrow one, so that a bad prediction does not reject good points.
+        normal, right = _sums(rotation, place, points, rays, sigma, max(3.0, 24.0 * 0.6**iteration))
+        turn = log_rotation(product(base_turn.T, rotation))
+        shift = turned_back(
+            rotation, place[0] - base_place[0], place[1] - base_place[1], place[2] - base_place[2]
+        )
+        for a in range(3):
+            normal[a, a] += turn_information
+            right[a] -= turn[a] * turn_information
+            normal[3 + a, 3 + a] += shift_information
+            right[3 + a] -= shift[a] * shift_information
+        solve_symmetric(normal, right)
+        x, y, z = rotated(rotation, right[3], right[4], right[5])
+        place = np.array([place[0] + x, place[1] + y, place[2] + z])
+        rotation = product(rotation, exp_rotation(right[0], right[1], right[2]))
+        if iteration > 5 and np.abs(right).max() < 1e-6:
+            break
+    return rotation, place
+
+
+@njit(cache=True)
+def _sums(  # noqa: PLR0917
+    rotation: FloatArray,
+    place: FloatArray,
+    points: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    width: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations (6, 6), (6,) of turn and shift, with weights of so many standard deviations of width.
+
+    The expected unit ray û changes by û × dθ and by -w (I - û ûᵀ) dt / distance, along the axes of the camera.
+    """
+    normal, right, jacobian = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 6))
+    for n in range(len(rays)):
+        near = points[n, 3]
+        seen = turned_back(
+            rotation,
+            points[n, 0] - near * place[0],
+            points[n, 1] - near * place[1],
+            points[n, 2] - near * place[2],
+        )
+        distance = max(np.sqrt(seen[0] ** 2 + seen[1] ** 2 + seen[2] ** 2), _LEAST_DISTANCE)
+        u, v, w = seen[0] / distance, seen[1] / distance, seen[2] / distance
+        off = rays[n, 0] - u, rays[n, 1] - v, rays[n, 2] - w
+        square = (off[0] ** 2 + off[1] ** 2 + off[2] ** 2) / sigma[n] ** 2
+        weight = 1.0 / ((1.0 + square / width**2) * sigma[n]) ** 2
+        share = near / distance
+        jacobian[0, 1], jacobian[0, 2], jacobian[1, 2] = -w, v, -u
+        jacobian[1, 0], jacobian[2, 0], jacobian[2, 1] = w, -v, u
+        jacobian[0, 3], jacobian[0, 4], jacobian[0, 5] = share * (u * u - 1.0), share * u * v, share * u * w
+        jacobian[1, 3], jacobian[1, 4], jacobian[1, 5] = share * u * v, share * (v * v - 1.0), share * v * w
+        jacobian[2, 3], jacobian[2, 4], jacobian[2, 5] = share * u * w, share * v * w, share * (w * w - 1.0)
+        for a in range(6):
+            right[a] += weight * (jacobian[0, a] * off[0] + jacobian[1, a] * off[1] + jacobian[2, a] * off[2])
+            for b in range(a + 1):
+                normal[a, b] += weight * (
+                    jacobian[0, a] * jacobian[0, b]
+                    + jacobian[1, a] * jacobian[1, b]
+                    + jacobian[2, a] * jacobian[2, b]
+                )
+    return normal, right
+
+
+def resection_information(pose: FloatArray, points: FloatArray, angle_sigma: float) -> FloatArray:
     """Return the information (6, 6) of rays to known points about rotation and shift in the camera frame.
 
-    Points, far points and errors are those of `resect`; its prediction is not in it.
+    Points and errors are those of `resect`; its prediction is not in it.
     """
-    jacobian = _ray_jacobian(*_expected_rays(pose[:3, :3], pose[:3, 3], points, is_far), is_far)
+    jacobian = _ray_jacobian(*_expected_rays(pose[:3, :3], pose[:3, 3], points), points[:, 3])
     information: FloatArray = np.einsum("nki,nkj->ij", jacobian, jacobian) / angle_sigma**2
     return information
 
 
-def _ray_jacobian(expected: FloatArray, distance: FloatArray, is_far: BoolArray) -> FloatArray:
-    """Return how û changes (N, 3, 6): by û × dθ with the turn, by -(I - û ûᵀ) Rᵀ dt / distance with the shift."""
+def _ray_jacobian(expected: FloatArray, distance: FloatArray, nearness: FloatArray) -> FloatArray:
+    """Return how û changes (N, 3, 6): by û × dθ with the turn, by -w (I - û ûᵀ) Rᵀ dt / distance with the shift."""
     jacobian = np.zeros((len(expected), 3, 6))
     jacobian[:, :, :3] = _skew(expected)
     across = np.eye(3) - expected[:, :, None] * expected[:, None, :]
-    jacobian[:, :, 3:] = -(across / distance[:, None, None]) * (~is_far)[:, None, None]
+    jacobian[:, :, 3:] = -across * (nearness / distance)[:, None, None]
     return jacobian
 
 
 def _expected_rays(
-    rotation: FloatArray, place: FloatArray, points: FloatArray, is_far: BoolArray
+    rotation: FloatArray, place: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    seen = np.where(is_far[:, None], points, points - place) @ rotation
-    distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-6)
+    seen = (points[:, :3] - points[:, 3:] * place) @ rotation
+    distance = np.maximum(np.linalg.norm(seen, axis=1), _LEAST_DISTANCE)
     return seen / distance[:, None], distance
 
 
@@ -258,7 +331,9 @@ class ViewRecognizer:
         if n_agree < _LEAST_AGREE or fused is None or _sigma_m(fused[1]) > _MOST_SIGMA_M:
             return None
         mount = self._camera.T_body_camera
-        moves = gtsam.Pose3(mount).AdjointMap()
+        moves = np.zeros((6, 6))  # how turn and shift of the camera turn and shift the body
+        moves[:3, :3] = moves[3:, 3:] = mount[:3, :3]
+        moves[3:, :3] = _skew(mount[None, :3, 3])[0] @ mount[:3, :3]
         return Recognition(fused[0] @ np.linalg.inv(mount), moves @ fused[1] @ moves.T, n_agree)
 
     def _features(self, image: Image) -> _Features:
@@ -333,8 +408,9 @@ class ViewRecognizer:
     ) -> tuple[FloatArray, FloatArray, int]:
         """Fit the camera's pose to all that agrees; return it, its covariance (6, 6), and how many near ones do."""
         pixel = 1.0 / self._focal_px
+        homogeneous = np.column_stack([points, ~is_far])
         camera, errors = resect(
-            first, points, is_far, rays,
+            first, homogeneous, rays,
             angle_sigma=self._config.pixel_sigma * pixel, turn_sigma=_ANY_RAD, shift_sigma=_ANY_M,
         )  # fmt: skip
         agree = errors < _GATE_PX * pixel
@@ -343,7 +419,7 @@ class ViewRecognizer:
             return camera, np.eye(6), n_agree
         spread = float(np.sqrt(0.5 * np.mean(errors[agree] ** 2)))
         angle_sigma = self._config.landmark_pixel_factor * max(self._config.pixel_sigma * pixel, spread)
-        information = resection_information(camera, points[agree], is_far[agree], angle_sigma)
+        information = resection_information(camera, homogeneous[agree], angle_sigma)
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         moved_m = float(np.linalg.norm(camera[:3, 3] - (newest @ self._camera.T_body_camera)[:3, 3]))
         covariance += np.diag(np.repeat([_MAP_TURN_RAD, _MAP_SCALE * moved_m], 3) ** 2)

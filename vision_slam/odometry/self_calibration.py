@@ -1,42 +1,43 @@
 """Self-calibration of radial distortion and focal length over the tracks of a drive."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from survey import Camera
-from survey.core import BoolArray, DataObject, FloatArray, IntArray
+from survey.core import DataObject, FloatArray
 from vision_slam.config import VisualOdometryConfig
-from vision_slam.odometry.bundle_adjustment import (
+from vision_slam.motion import RelativeMotion
+from vision_slam.odometry.global_adjustment import (
+    UNCHANGED,
     Adjusted,
-    BundleAdjustment,
+    AdjustedPath,
+    DriveTracks,
     Geometry,
+    GlobalAdjustment,
     LensChange,
-    PixelObservations,
-    Travel,
+    MotionFactors,
+    TrackPixels,
+    triangulated,
 )
-from vision_slam.odometry.landmarks import intersected
+from vision_slam.odometry.landmarks import EndedTrack
 from vision_slam.odometry.tracks import Track
 
 # Prior errors of the logarithm of the focal length, of k1 and of k2: of a calibration whose distortion is unknown,
 # and of one whose focal length is too.
 _CALIBRATED, _ANY_LENS = np.array([0.01, 0.2, 0.1]), np.array([0.2, 0.2, 0.1])
-# Corners creep together, which independent pixel errors do not describe: the lenses of two drives with
-# cameras of one make differ by so many of their formal standard deviations.
-_CORRELATED = 5.0
+_HELD_OUT = 5  # every so manyth track judges the lens and is not adjusted
 _LEAST_TURN_DEG = 20.0
 _SIGNIFICANT = 7.81  # squared Mahalanobis distance from the given lens (χ² with 3 degrees, 95 %)
 _LEAST_GAIN = 50.0  # decrease of the cost by another focal length; by chance it is 1
-_N_NEAR = 25  # steps, after which the lens hardly changes
 _LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
 _LEAST_UNSTATED_PX = 0.5  # the same where nothing states the distortion: the estimate is then the better one
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
 _N_PROBED = 5  # steps after which a focal length that is off shows
 _LEAST_FOCAL = 0.05  # a smaller change of the focal length is less certain than a calibration
-_UNCHANGED = LensChange()
-_MOST_KEYFRAMES, _MOST_OBSERVATIONS = 240, 150  # of the part of the drive that is used; of one keyframe
-_LEAST_SIGHTS, _LEAST_TRACKS = 3, 50
-_FIRST_GATE_PX, _FIRST_DEPTH_SIGMA = 8.0, 0.3
+_LEAST_TRACKS = 50
 # Drift of the logarithm of scale per radian of turn, measured under lenses with so much of unmodelled distortion at the
 # border: 10 pixels of a focal length of 720.
 _SCALE_PER_RAD, _UNMODELLED_RAD = 0.16, 10.0 / 720.0
@@ -50,7 +51,7 @@ class LensEstimate(DataObject):
     images contradict the given lens and determine another. `lens` (3,): estimated logarithm of the factor of
     the focal length, and changes of k1 and k2. `sigma` (3,): their standard deviations; NaN where nothing was
     estimated. `border_px`: root mean square distance between estimated and given lens at the border of the
-    image [pixels]. `turned_deg`: largest turn within the part of the drive that was used [deg].
+    image [pixels]. `turned_deg`: largest turn of the drive [deg].
     `scale_sigma`: relative drift of the scale that the lens may cause over the drive. `note`: the result in
     one sentence.
     """
@@ -68,52 +69,77 @@ class LensEstimate(DataObject):
 def estimate_lens(
     camera: Camera,
     poses: FloatArray,
-    tracks: list[Track],
-    rolled_m: FloatArray,
+    tracks: Sequence[Track | EndedTrack],
+    motions: Sequence[RelativeMotion],
     config: VisualOdometryConfig,
     *,
-    used: LensChange = _UNCHANGED,
-) -> LensEstimate:
-    """Estimate the lens by bundle adjustment over the keyframes of a drive.
+    used: LensChange = UNCHANGED,
+) -> tuple[LensEstimate, AdjustedPath | None]:
+    """Estimate the lens by global bundle adjustment of a drive; return it with the path adjusted under it.
 
     In a turn points cross the image, and unmodelled distortion changes their parallax: the scale
     drifts, by 24 to 28 % in turns of 90 degrees under a lens that is 10 pixels off at the border. The
     same turn makes the lens observable; straight motion along the optical axis does not. A
-    lens is accepted where the drive turns by 20 degrees, where its errors fall well below
-    those of the prior, and where it differs significantly from the given one. The focal length has a prior error of 1 %, or
-    of 20 % where the images demand a change of more than 5 %.
+    lens is accepted where the drive turns by 20 degrees, where it differs significantly from the given one, and where
+    every fifth track, which both adjustments leave out, fits better under it. The focal length has a prior error of 1 %,
+    or of 20 % where the images demand a change of more than 5 %.
 
-    `poses` (K, 4, 4): poses of the body at the keyframes. `rolled_m` (K - 1,): travel by wheels between
-    keyframes [m], NaN where unknown.
+    `poses` (K, 4, 4): poses of the body at the keyframes. `motions` (K - 1,): motion by wheels and gyro between them.
+    The path is None where corners are too few.
     """
-    part = _most_turning(poses)
-    turned_deg = float(_turned_deg(poses[part]).max())
-    if turned_deg < _LEAST_TURN_DEG:
-        return unknown_lens(camera, poses, f"the drive turns by {turned_deg:.0f}°")
-    seen, start = _prepared(used.applied(camera), poses[part], tracks, part.start)
-    start = start._replace(lens=used)
-    if len(start.points) < _LEAST_TRACKS:
-        return unknown_lens(camera, poses, f"{len(start.points)} corners have a known depth")
-    rolled = np.abs(rolled_m[part.start : part.stop - 1])
-    travel = Travel(rolled, config.wheel_sigma * rolled + 0.002)
+    turned_deg = float(_turned_deg(poses).max())
+    drive = DriveTracks.of(used.applied(camera), poses, tracks)
+    if len(drive.points) < _LEAST_TRACKS:
+        return unknown_lens(camera, poses, f"{len(drive.points)} corners have a known depth"), None
+    factors, start = MotionFactors.of(poses, motions, config), drive.geometry(used)
 
-    def adjustment(prior: FloatArray) -> BundleAdjustment:
-        return BundleAdjustment(camera, seen, config.pixel_sigma, prior / _CORRELATED, travel)
+    def adjustment(seen: TrackPixels, prior: FloatArray, pixel_sigma: float) -> GlobalAdjustment:
+        return GlobalAdjustment(camera, seen, pixel_sigma, prior, factors)
 
+    any_lens = adjustment(drive.seen, _ANY_LENS, config.pixel_sigma)
     if abs(used.log_focal) > _LEAST_FOCAL:
-        return _judged(camera, poses, adjustment(_ANY_LENS).solve(start), turned_deg)
-    near = adjustment(_CALIBRATED).solve(start, _N_NEAR)
-    return _judged(camera, poses, _with_focal_length(near, adjustment(_ANY_LENS)), turned_deg)
+        prior, first = _ANY_LENS, any_lens.solve(start)
+    else:
+        near = adjustment(drive.seen, _CALIBRATED, config.pixel_sigma).solve(start)
+        prior, first = _with_focal_length(near, any_lens)
+    sigma = any_lens.pixel_error(first.geometry)
+    final = adjustment(drive.seen, prior, sigma)
+    adjusted = final.solve(first.geometry)
+    path = AdjustedPath.of(final, adjusted.geometry, camera)
+    if turned_deg < _LEAST_TURN_DEG:
+        return unknown_lens(camera, poses, f"the drive turns by {turned_deg:.0f}°"), path
+    gain = _held_out_gain(drive, start, adjusted.geometry, partial(adjustment, pixel_sigma=sigma), prior)
+    return _judged(camera, poses, path, turned_deg, gain), path
 
 
-def _with_focal_length(near: Adjusted, adjustment: BundleAdjustment) -> Adjusted:
-    """Estimate any focal length; return the lens near the given one where it differs by less than 5 %."""
+def _with_focal_length(near: Adjusted, adjustment: GlobalAdjustment) -> tuple[FloatArray, Adjusted]:
+    """Estimate any focal length; return prior and result, those near the given one where it differs by less than 5 %."""
     probe = adjustment.solve(near.geometry, _N_PROBED)
     if abs(probe.geometry.lens.log_focal) < 0.5 * _LEAST_FOCAL:
-        return near
+        return _CALIBRATED, near
     free = adjustment.solve(probe.geometry)
     is_other = abs(free.geometry.lens.log_focal) > _LEAST_FOCAL and near.cost - free.cost > _LEAST_GAIN
-    return free if is_other else near
+    return (_ANY_LENS, free) if is_other else (_CALIBRATED, near)
+
+
+def _held_out_gain(
+    drive: DriveTracks,
+    start: Geometry,
+    adjusted: Geometry,
+    adjustment: Callable[[TrackPixels, FloatArray], GlobalAdjustment],
+    prior: FloatArray,
+) -> float:
+    """Return by how much better the tracks that were left out fit under an estimated lens, over the standard error of that."""
+    is_held = np.arange(len(drive.points)) % _HELD_OUT == _HELD_OUT // 2
+    used, held = (drive.seen.select(np.flatnonzero(which)) for which in (~is_held, is_held))
+    costs = []
+    for near, errors in ((start, np.zeros(3)), (adjusted, prior)):
+        fitted = adjustment(used, errors).solve(near._replace(points=near.points[~is_held])).geometry
+        others = adjustment(held, errors)
+        points = triangulated(fitted.poses, fitted.lens.applied(drive.camera).rays(held.pixel), held)
+        costs.append(others.costs(others.with_points(fitted._replace(points=points))))
+    gain = costs[0] - costs[1]
+    return float(gain.sum() / max(gain.std() * len(gain) ** 0.5, 1e-9))
 
 
 def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate:
@@ -131,24 +157,28 @@ def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate
     )
 
 
-def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: float) -> LensEstimate:
+def _judged(
+    camera: Camera, poses: FloatArray, path: AdjustedPath, turned_deg: float, gain: float
+) -> LensEstimate:
     """Accept an estimate, or state why the given lens is used."""
-    lens = found.geometry.lens
-    covariance = _CORRELATED**2 * found.covariance
+    lens, covariance = path.lens, path.lens_covariance
     sigma = np.sqrt(np.diag(covariance))
     estimated = lens.applied(camera)
     if (sigma > _WELL_ABOVE * _ANY_LENS).any() or not _is_one_to_one(estimated):
         return unknown_lens(camera, poses, "its errors are hardly below those of the prior")
-    border_px = _border_px(camera, estimated)
+    off_px = border_px(camera, estimated)
     is_other = float(np.array(lens) @ np.linalg.solve(covariance, np.array(lens))) > _SIGNIFICANT
-    if border_px > _LEAST_BORDER_PX and not (is_other or camera.distortion_is_assumed):
-        reason = f"the images contradict it by {border_px:.1f} px at the border, which is not significant"
+    if off_px > _LEAST_BORDER_PX and not (is_other or camera.distortion_is_assumed):
+        reason = f"the images contradict it by {off_px:.1f} px at the border, which is not significant"
         return unknown_lens(camera, poses, reason)
-    is_accepted = border_px > (_LEAST_UNSTATED_PX if camera.distortion_is_assumed else _LEAST_BORDER_PX)
-    note = f"the images agree with the lens within {border_px:.1f} px at the border"
+    is_accepted = off_px > (_LEAST_UNSTATED_PX if camera.distortion_is_assumed else _LEAST_BORDER_PX)
+    if is_accepted and gain <= 0.0:
+        reason = f"corners that were left out fit no better under one that differs by {off_px:.1f} px at the border"
+        return unknown_lens(camera, poses, reason)
+    note = f"the images agree with the lens within {off_px:.1f} px at the border"
     if is_accepted:
         note = (
-            f"the images contradict the lens by {border_px:.1f} px at the border and were used with "
+            f"the images contradict the lens by {off_px:.1f} px at the border and were used with "
             f"k1 changed by {lens.k1:.4f} ± {sigma[1]:.4f}, k2 by {lens.k2:.4f} ± {sigma[2]:.4f}, "
             f"the focal length by {100.0 * np.expm1(lens.log_focal):.1f} ± {100.0 * sigma[0]:.1f} %"
         )
@@ -157,7 +187,7 @@ def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: floa
         is_accepted,
         np.array(lens),
         sigma,
-        border_px,
+        off_px,
         turned_deg,
         _remaining_sigma(camera, poses, lens, covariance),
         note,
@@ -168,7 +198,7 @@ def _remaining_sigma(camera: Camera, poses: FloatArray, lens: LensChange, covari
     """Return the relative drift of scale that the error of an estimated distortion may cause over a drive."""
     estimated, sides = lens.applied(camera), np.linalg.cholesky(covariance[1:, 1:]).T
     off_px = [
-        _border_px(estimated, lens._replace(k1=lens.k1 + k1, k2=lens.k2 + k2).applied(camera))
+        border_px(estimated, lens._replace(k1=lens.k1 + k1, k2=lens.k2 + k2).applied(camera))
         for k1, k2 in sides.tolist()
     ]
     focal_px = 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1])
@@ -182,15 +212,6 @@ def _scale_sigma(camera: Camera, poses: FloatArray) -> float:
     return _SCALE_PER_RAD * float(np.radians(_turned_deg(poses).max()))
 
 
-def _most_turning(poses: FloatArray) -> slice:
-    """Return the part of the drive with the largest turn."""
-    n = len(poses)
-    starts = list(range(0, max(n - _MOST_KEYFRAMES, 0) + 1, _MOST_KEYFRAMES // 8))
-    turns = [_turned_deg(poses[first : first + _MOST_KEYFRAMES]).max() for first in starts]
-    first = starts[int(np.argmax(turns))]
-    return slice(first, min(first + _MOST_KEYFRAMES, n))
-
-
 def _turned_deg(poses: FloatArray) -> FloatArray:
     """Return the turn of each pose (K,) since the first [deg]."""
     trace = np.einsum("ij,kij->k", poses[0, :3, :3], poses[:, :3, :3])
@@ -198,63 +219,7 @@ def _turned_deg(poses: FloatArray) -> FloatArray:
     return angles
 
 
-def _prepared(
-    camera: Camera, poses: FloatArray, tracks: list[Track], first: int
-) -> tuple[PixelObservations, Geometry]:
-    """Return the observations of triangulated tracks by keyframes from the `first` on, and the initial geometry."""
-    eyes = poses @ camera.T_body_camera
-    cut = [_cut(track, first, len(poses)) for track in tracks]
-    sights = [(keyframes, rays) for keyframes, rays in cut if len(keyframes) >= _LEAST_SIGHTS]
-    points, is_good = _triangulated(eyes, sights, 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1]))
-    chosen = _longest([keyframes for keyframes, _ in sights], is_good, len(eyes))
-    none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    used = [sights[index] for index in chosen.tolist()]
-    keyframe, rays = (np.concatenate(part) for part in zip(none, *used, strict=True))
-    point = np.repeat(np.arange(len(used)), [len(keyframes) for keyframes, _ in used])
-    return PixelObservations(keyframe, point, camera.project(rays)), Geometry(
-        eyes, points[chosen], LensChange()
-    )
-
-
-def _cut(track: Track, first: int, n: int) -> tuple[IntArray, FloatArray]:
-    """Return keyframes, counted from the `first`, and rays of a track within `n` keyframes."""
-    keyframes = np.array(track.keyframes, dtype=np.int64) - first
-    inside = (keyframes >= 0) & (keyframes < n)
-    return keyframes[inside], np.array(track.rays).reshape(-1, 3)[inside]
-
-
-def _triangulated(
-    eyes: FloatArray, sights: list[tuple[IntArray, FloatArray]], focal_px: float
-) -> tuple[FloatArray, BoolArray]:
-    """Return the points (T, 3) of tracks, and which of them have a known depth."""
-    shape = len(sights), max((len(keyframes) for keyframes, _ in sights), default=0)
-    rays, places, there = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=np.bool_)
-    rays[..., 2] = 1.0
-    for row, (keyframes, seen) in enumerate(sights):
-        n = len(keyframes)
-        rays[row, :n] = np.einsum("nij,nj->ni", eyes[keyframes, :3, :3], seen)
-        places[row, :n], there[row, :n] = eyes[keyframes, :3, 3], True
-    if not sights:
-        return np.zeros((0, 3)), np.zeros(0, dtype=np.bool_)
-    points, information, error, is_good = intersected(rays, places, there)
-    depth_sigma_m = 1.0 / np.sqrt(np.maximum(np.linalg.eigvalsh(information)[:, 0], 1e-12)) / focal_px
-    range_m = np.linalg.norm(points - places[:, 0], axis=1)
-    known = (error < _FIRST_GATE_PX / focal_px) & (depth_sigma_m < _FIRST_DEPTH_SIGMA * range_m)
-    return points, is_good & known
-
-
-def _longest(keyframes: list[IntArray], is_good: BoolArray, n_keyframes: int) -> IntArray:
-    """Return the longest tracks, until most of their keyframes have enough observations."""
-    count, chosen = np.zeros(n_keyframes), []
-    for index in sorted(np.flatnonzero(is_good).tolist(), key=lambda index: -len(keyframes[index])):
-        seen_by = keyframes[index]
-        if (count[seen_by] < _MOST_OBSERVATIONS).mean() > 0.5:
-            count[seen_by] += 1
-            chosen.append(index)
-    return np.array(sorted(chosen), dtype=np.int64)
-
-
-def _border_px(given: Camera, estimated: Camera) -> float:
+def border_px(given: Camera, estimated: Camera) -> float:
     """Return the root mean square distance of two lenses at the border of the image [pixels], where the first has rays."""
     border = _border(given)
     rays = given.rays(border)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from survey.core import BoolArray, FloatArray, InputError
+from survey.core import BoolArray, FloatArray, InputError, IntArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 
@@ -101,30 +101,110 @@ Pixels = npt.NDArray[np.float32]
 
 _GRID = (8, 6)
 _BORDER_PX = 6
+_MARGIN_PX = 4  # about a part of an image, within which corner responses depend on what lies outside
+_SEARCHED_EVERY = 5
+_NO_PEAKS = np.zeros((0, 2), np.float32), np.zeros(0, np.float32)
 
 
-def detect(image: Image, taken: Pixels, n_wanted: int, config: VisualOdometryConfig) -> Pixels:
+class CornerDetector:
+    """Detection of new corners, spread over the image, in the cells of a grid that have too few.
+
+    Cells in which nothing was found, as in the sky, are searched again at every fifth image only.
+    """
+
+    def __init__(self, config: VisualOdometryConfig) -> None:
+        self._config = config
+        self._is_empty = np.zeros(_GRID, dtype=bool)
+        self._n_images = 0
+
+    def __call__(self, image: Image, taken: Pixels, n_wanted: int) -> Pixels:
+        """Find up to `n_wanted` new corners (K, 2) away from those `taken` (M, 2)."""
+        searched = ~self._is_empty | (self._n_images % _SEARCHED_EVERY == 0)
+        self._n_images += 1
+        found = detect(image, taken, n_wanted, self._config, searched)
+        count = _counts(np.concatenate([taken, found]), (image.shape[1], image.shape[0]))
+        self._is_empty = np.where(searched, count == 0, self._is_empty)
+        return found
+
+
+def detect(
+    image: Image,
+    taken: Pixels,
+    n_wanted: int,
+    config: VisualOdometryConfig,
+    searched: BoolArray | None = None,
+) -> Pixels:
     """Find up to `n_wanted` new corners (K, 2), spread over the image and away from those `taken` (M, 2).
 
     Responses are compared with an absolute threshold, and each cell of a grid takes its
     share: the usual threshold relative to the best corner would leave snow without any
-    corner whenever a mountain stands on the horizon.
+    corner whenever a mountain stands on the horizon. `searched` (8, 6): cells that are searched, all by default.
     """
-    response = _response(image, config)
-    _blank(response, taken, config.corner_spacing_px)
-    side = config.corner_spacing_px + 1
-    is_peak = (response >= cv2.dilate(response, np.ones((side, side), np.uint8))) & (
-        response > config.corner_threshold
-    )
-    rows, columns = np.nonzero(is_peak)
-    peaks = np.column_stack([columns, rows]).astype(np.float32)[
-        np.argsort(-response[rows, columns], kind="stable")
-    ]
-    pixels = _spread(peaks, taken, (image.shape[1], image.shape[0]), config.n_features)[:n_wanted]
+    size = image.shape[1], image.shape[0]
+    room = _share(config.n_features) - _counts(taken, size)
+    lacks = room > 0 if searched is None else (room > 0) & searched
+    is_free = np.full(image.shape, 255, np.uint8)
+    for column, row in taken.tolist():
+        cv2.circle(is_free, (int(column), int(row)), config.corner_spacing_px, 0, -1)
+    is_free[:_BORDER_PX] = is_free[-_BORDER_PX:] = 0
+    is_free[:, :_BORDER_PX] = is_free[:, -_BORDER_PX:] = 0
+    # Detectors of keypoints find none near the border of a part.
+    boxes = _boxes(lacks, size) if config.detector in ("gftt", "harris") else [(0, size[0], 0, size[1])]
+    parts = [_peaks(image, is_free, box, config) for box in boxes]
+    peaks, response = (np.concatenate(part) for part in zip(_NO_PEAKS, *parts, strict=True))
+    pixels = _spread(peaks[np.argsort(-response, kind="stable")], room, size)[:n_wanted]
     if len(pixels):
         ends = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)
         cv2.cornerSubPix(image, pixels.reshape(-1, 1, 2), (3, 3), (-1, -1), ends)
     return pixels
+
+
+def _share(n_all: int) -> int:
+    """Return the most corners of a cell."""
+    return int(np.ceil(1.25 * n_all / (_GRID[0] * _GRID[1])))
+
+
+def _cells(pixels: Pixels, size: tuple[int, int]) -> tuple[IntArray, IntArray]:
+    """Return the column and the row of the cell (N,) of each pixel (N, 2)."""
+    across, down = (pixels * (np.array(_GRID) / np.array(size))).astype(np.int64).T
+    return across, down
+
+
+def _counts(pixels: Pixels, size: tuple[int, int]) -> IntArray:
+    """Return the number of pixels (N, 2) in each cell of the grid."""
+    across, down = _cells(pixels, size)
+    return np.bincount(_GRID[1] * across + down, minlength=_GRID[0] * _GRID[1]).reshape(_GRID)
+
+
+def _boxes(lacks: BoolArray, size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+    """Return the boxes (left, right, top, bottom) of cells that lack corners, neighbours in a row as one [pixels]."""
+    boxes = []
+    for down in range(_GRID[1]):
+        top, bottom = (-(-row * size[1] // _GRID[1]) for row in (down, down + 1))
+        edges = np.flatnonzero(np.diff(np.r_[0, lacks[:, down].astype(int), 0])).tolist()
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            left, right = (-(-column * size[0] // _GRID[0]) for column in (first, last))
+            boxes.append((left, right, top, bottom))
+    return boxes
+
+
+def _peaks(
+    image: Image, is_free: Image, box: tuple[int, int, int, int], config: VisualOdometryConfig
+) -> tuple[Pixels, Pixels]:
+    """Return the pixels (N, 2) in a box whose response is the largest about them, and their response (N,)."""
+    left, right, top, bottom = box
+    reach = config.corner_spacing_px // 2 + _MARGIN_PX
+    x, y = max(left - reach, 0), max(top - reach, 0)
+    part = slice(y, bottom + reach), slice(x, right + reach)
+    response = _response(np.ascontiguousarray(image[part]), config)
+    response[is_free[part] == 0] = 0.0
+    side = config.corner_spacing_px + 1
+    highest = cv2.dilate(response, np.ones((side, side), np.uint8))
+    inside = slice(top - y, bottom - y), slice(left - x, right - x)
+    is_peak = (response[inside] >= highest[inside]) & (response[inside] > config.corner_threshold)
+    rows, columns = np.nonzero(is_peak)
+    found: Pixels = response[inside][rows, columns]
+    return np.column_stack([columns + left, rows + top]).astype(np.float32), found
 
 
 def _response(image: Image, config: VisualOdometryConfig) -> Any:
@@ -145,25 +225,15 @@ def _response(image: Image, config: VisualOdometryConfig) -> Any:
     return response
 
 
-def _blank(response: Any, taken: Pixels, radius_px: int) -> None:
-    for column, row in taken.tolist():
-        cv2.circle(response, (int(column), int(row)), radius_px, 0.0, -1)
-    response[:_BORDER_PX] = response[-_BORDER_PX:] = 0.0
-    response[:, :_BORDER_PX] = response[:, -_BORDER_PX:] = 0.0
-
-
-def _spread(peaks: Pixels, taken: Pixels, size: tuple[int, int], n_all: int) -> Pixels:
-    """Keep of peaks (K, 2), strongest first, no more in any cell of the grid than its share."""
-    cells = np.array(_GRID) / np.array(size)
-    count = np.zeros(_GRID, dtype=int)
-    np.add.at(count, tuple((taken * cells).astype(int).T), 1)
-    share = int(np.ceil(1.25 * n_all / count.size))
-    is_used = np.zeros(len(peaks), dtype=bool)
-    for index, (across, down) in enumerate((peaks * cells).astype(int).tolist()):
-        if count[across, down] < share:
-            count[across, down] += 1
-            is_used[index] = True
-    return peaks[is_used]
+def _spread(peaks: Pixels, room: IntArray, size: tuple[int, int]) -> Pixels:
+    """Keep of peaks (K, 2), strongest first, no more in any cell of the grid than it has room for."""
+    across, down = _cells(peaks, size)
+    cell = _GRID[1] * across + down
+    order = np.argsort(cell, kind="stable")  # strongest first within a cell
+    rank = np.empty(len(peaks), dtype=int)
+    rank[order] = np.arange(len(peaks)) - np.searchsorted(cell[order], cell[order])
+    kept: Pixels = peaks[rank < room.ravel()[cell]]
+    return kept
 
 
 _LEAST_RAYS = 5
@@ -173,31 +243,38 @@ _LEAST_RAYS = 5
 class Track:
     """One corner: where the keyframes saw it, and the point that it is.
 
-    ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``;
-    ``point`` (3,) its place in the window's frame, None while unknown; ``is_far`` when no
-    motion so far has moved it, so that only its direction counts; ``has_moved`` when its
-    direction changed by more than its error explains, so that it is not far. ``rest_pixel``
-    is where it was in the last image that moved; ``planes[i]`` (2,) is where ``rays[i]`` meets z = 1.
+    ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``. ``homogeneous`` (4,) is its place
+    in the window's frame times its inverse distance from the newest keyframe, and that inverse distance [1/m], 0 for a direction;
+    None while unknown. ``nearness_sigma`` is the standard deviation of the inverse distance [1/m]; ``is_near`` where it
+    is significantly above 0, ``is_far`` where it is significantly below that of 200 m, so that the direction alone counts.
+    ``rest_pixel`` is where it was in the last image that moved.
     """
 
     pixel: FloatArray
     keyframes: list[int] = field(default_factory=list)
     rays: list[FloatArray] = field(default_factory=list)
-    point: FloatArray | None = None
+    homogeneous: FloatArray | None = None
+    nearness_sigma: float = np.inf
+    is_near: bool = False
     is_far: bool = False
-    has_moved: bool = False
     rest_pixel: FloatArray = field(init=False)
-    planes: list[FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
         self.rest_pixel = self.pixel
-        self.planes = [ray[:2] / ray[2] for ray in self.rays]
+
+    @property
+    def point(self) -> FloatArray | None:
+        """Place (3,) in the window's frame; None where its distance is not known to be finite."""
+        return (
+            self.homogeneous[:3] / self.homogeneous[3]
+            if self.is_near and self.homogeneous is not None
+            else None
+        )
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""
         self.keyframes.append(keyframe)
         self.rays.append(ray)
-        self.planes.append(ray[:2] / ray[2])
 
 
 def track_corners(

@@ -8,16 +8,16 @@ from survey import Camera, InputError
 from survey.core import Progress
 from survey.data.frames import Frames
 from vision_slam.config import VisualOdometryConfig
-from vision_slam.odometry.bundle_adjustment import LensChange
+from vision_slam.odometry.global_adjustment import LensChange
 from vision_slam.odometry.health import WithoutWheels, wheels_are_idle
 from vision_slam.odometry.odometer import VisualOdometer, VisualOdometry
-from vision_slam.odometry.self_calibration import estimate_lens, unknown_lens
+from vision_slam.odometry.self_calibration import border_px, unknown_lens
 from vision_slam.odometry.sensor_checks import largest_turns, refuse_other_gyro, refuse_other_travel
-from vision_slam.odometry.tracks import Track
 from vision_slam.readers.sequence import VisionRecords
 
 _MOVES = 0.1  # share of the images that have to move for wheels that count nothing to be wrong
-_MOST_PASSES = 5  # over the images; two suffice unless the lens is off by tens of pixels
+_MOST_PASSES = 5  # over the images; one suffices unless the lens is off by many pixels
+_SETTLED_PX = 8.0  # at the border; tracks of a lens that is nearer to the estimate lose few corners
 
 
 def visual_odometry(
@@ -28,8 +28,8 @@ def visual_odometry(
     Where images are missing for more than 1.5 s and wheels and gyro go on, poses are added in
     between, as of blank images: one step from end to end would cut the corner of a turn.
 
-    Where the setting `lens` asks for it, the lens is estimated after a first pass over all images;
-    further passes follow where the images contradict the given lens, until the estimate settles.
+    At the end poses and points of the complete drive are adjusted together, with the lens where the setting `lens` asks for
+    it.
     """
     if recording.frames is None or recording.camera is None:
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
@@ -62,13 +62,15 @@ def _estimated(
 ) -> VisualOdometry:
     """Estimate motion and landmarks, and the lens where the settings ask for it."""
     settings = config or VisualOdometryConfig()
-    if settings.lens == "given" and camera.distortion_is_assumed:
-        odometer = _followed(recording, frames, camera, settings, progress=progress)
-        poses = np.array(odometer.slam.window.poses)
-        return replace(odometer.finish(recording), lens=unknown_lens(camera, poses, "it was used as given"))
-    if settings.lens == "given" or (settings.lens == "auto" and not camera.distortion_is_assumed):
-        return _followed(recording, frames, camera, settings, progress=progress).finish(recording)
-    return _self_calibrated(recording, frames, camera, settings, progress)
+    if settings.lens == "refine" or (settings.lens == "auto" and camera.distortion_is_assumed):
+        return _self_calibrated(recording, frames, camera, settings, progress)
+    odometer = _followed(recording, frames, camera, settings, progress)
+    visual = odometer.finish(recording)
+    if not camera.distortion_is_assumed:
+        return visual
+    return replace(
+        visual, lens=unknown_lens(camera, np.array(odometer.slam.window.poses), "it was used as given")
+    )
 
 
 def _self_calibrated(
@@ -78,26 +80,23 @@ def _self_calibrated(
     config: VisualOdometryConfig,
     progress: Progress | None,
 ) -> VisualOdometry:
-    """Estimate the lens from a pass over the images, and again from passes with the estimate until it settles.
+    """Estimate the lens with the path.
 
-    Corners far from where the given lens has them are lost in the first pass.
+    Corners far from where a lens has them are lost: where the estimate differs by more than some pixels from the lens that the
+    images were read with, they are processed again, until it settles.
     """
-    used, lens = LensChange(), None
-    for n in range(_MOST_PASSES):
-        ended: list[Track] = []
-        odometer = _followed(recording, frames, used.applied(camera), config, progress=progress, ended=ended)
-        visual, slam = odometer.finish(recording), odometer.slam
-        given = replace(camera, T_body_camera=slam.camera.T_body_camera)
-        poses, rolled_m = np.array(slam.window.poses), np.array(slam.rolled_m)
-        found = estimate_lens(given, poses, ended, rolled_m, slam.config, used=used)
-        has_settled = not found.is_accepted or bool((np.abs(found.lens - used) < found.sigma).all())
-        if n and (has_settled or n == _MOST_PASSES - 1):
+    used = LensChange()
+    for _ in range(_MOST_PASSES):
+        odometer = _followed(recording, frames, used.applied(camera), config, progress)
+        visual = odometer.finish(recording, camera, used)
+        lens = visual.lens
+        if lens is None or not lens.is_accepted:
             break
-        lens = replace(found, camera=replace(found.camera, T_body_camera=camera.T_body_camera))
-        if not found.is_accepted:
+        found = LensChange(*lens.lens.tolist())
+        if border_px(used.applied(camera), found.applied(camera)) < _SETTLED_PX:
             break
-        used = LensChange(*found.lens.tolist())
-    return replace(visual, lens=lens)
+        used = found
+    return visual
 
 
 def _followed(
@@ -105,14 +104,11 @@ def _followed(
     frames: Frames,
     camera: Camera,
     config: VisualOdometryConfig,
-    *,
     progress: Progress | None,
-    ended: list[Track] | None = None,
 ) -> VisualOdometer:
-    """Process all images of a recording; collect the ended tracks where a list is given."""
+    """Process all images of a recording."""
     times = frames.time_s
     odometer = VisualOdometer(camera, recording, config, times[0])
-    odometer.ended = ended
     for index, time_s in enumerate(times.tolist()):
         odometer.add_image(frames[index], time_s)
         if progress is not None:

@@ -2,34 +2,34 @@
 
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
 
 from survey import Camera
-from survey.core import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data.frames import Image
 from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import RelativeMotion
-from vision_slam.odometry.bundle_adjustment import Window, half_turned
 from vision_slam.odometry.health import FrameHealth, VisionHysteresis, WheelSlipDetector, image_health
 from vision_slam.odometry.resection import PixelNoise, ViewRecognizer, resect
 from vision_slam.odometry.tracks import (
     ContrastEnhancer,
+    CornerDetector,
     Pixels,
     Track,
-    detect,
     epipolar_motion,
     grey_of,
     quadrant_shift_px,
     rotation_between,
     track_corners,
 )
+from vision_slam.odometry.window import Window, half_turned, share_of_turn
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
 # A turn on the spot puts so many of the corners within so many pixels of their places.
 _TURN_PX, _LEAST_TURNED = 1.0, 0.8
 _LEAST_FAR = 10
+_SURE = 1.5
 _FEW_CAME = 0.5  # of the corners; without wheels and gyro the others are then looked for where they were
 _STEEP, _LEAST_BELOW = (
     0.1,
@@ -73,10 +73,12 @@ class VisualSlam:
         self.frames: list[FramePose] = []
         self.finished: list[Track] = []
         self.rolled_m: list[float] = []
+        self.motions: list[RelativeMotion] = []
         self.keyframe_turn: tuple[RelativeMotion, FloatArray] | None = None
         """Motion by wheels and gyro, and turn (3, 3) estimated with images, to a keyframe that the last image became."""
         self._tracks: list[Track] = []
         self._enhance = ContrastEnhancer(self.config.clahe_clip, self.config.clahe_tiles)
+        self._detect = CornerDetector(self.config)
         self._slip = WheelSlipDetector(camera.T_body_camera[2, 3])
         self._ground_height = ground_height
         self._image: Image | None = None
@@ -171,8 +173,7 @@ class VisualSlam:
 
     def _track(self, before: Image, enhanced: Image, predicted: FloatArray) -> tuple[Pixels, BoolArray]:
         pixels = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
-        points, is_far = self._guessed_points(pixels)
-        guess = self._projected(predicted, points, is_far)
+        guess = self._projected(predicted, self._guessed_points(pixels))
         lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
         guess[lost] = pixels[lost]
         landed, came = track_corners(before, enhanced, pixels, guess, self.config)
@@ -183,28 +184,26 @@ class VisualSlam:
             )
         return landed, came & np.isfinite(self._rays(landed)).all(axis=1)
 
-    def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
-        """Return the points of the tracks; unknown ones are assumed on level ground or far above the horizon."""
+    def _guessed_points(self, pixels: Pixels) -> FloatArray:
+        """Return the points (N, 4) of the tracks; unknown ones are assumed on level ground or far above the horizon."""
         camera = self._pose @ self.camera.T_body_camera
         rays = self._rays(pixels) @ camera[:3, :3].T
         down = -rays @ self._pose[:3, 2]
         mounted = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
         height = mounted if self._ground_height is None else self._ground_height
         is_far = down < 0.02
-        points = np.where(
-            is_far[:, None], rays, camera[:3, 3] + rays * (height / np.maximum(down, 0.02))[:, None]
-        )
-        for index, track in enumerate(self._tracks):
-            if track.point is not None:
-                points[index], is_far[index] = track.point, track.is_far
-        return points, is_far
+        nearness = np.where(is_far, 0.0, down / height)
+        points = np.column_stack([rays + nearness[:, None] * camera[:3, 3], nearness])
+        known = [index for index, track in enumerate(self._tracks) if track.is_near or track.is_far]
+        points[known] = np.array([self._tracks[index].homogeneous for index in known]).reshape(-1, 4)
+        return points
 
     def _rays(self, pixels: Pixels) -> FloatArray:
         return self.camera.rays(pixels.astype(np.float64))
 
-    def _projected(self, body: FloatArray, points: FloatArray, is_far: BoolArray) -> Pixels:
+    def _projected(self, body: FloatArray, points: FloatArray) -> Pixels:
         camera = body @ self.camera.T_body_camera
-        seen = np.where(is_far[:, None], points, points - camera[:3, 3]) @ camera[:3, :3]
+        seen = (points[:, :3] - points[:, 3:] * camera[:3, 3]) @ camera[:3, :3]
         return self.camera.project(seen).astype(np.float32)
 
     def _is_standing(self, motion: RelativeMotion, pixels: Pixels, came: BoolArray) -> bool:
@@ -221,7 +220,7 @@ class VisualSlam:
     ) -> tuple[FloatArray, BoolArray]:
         """Estimate the pose by resection; return also which corners are inliers."""
         agree = came.copy()
-        known = np.array([track.point is not None for track in self._tracks], dtype=bool) & came
+        known = np.array([track.homogeneous is not None for track in self._tracks], dtype=bool) & came
         if known.sum() < self.config.least_inliers:
             turned = None if self._has_travelled else self._turned(pixels, came)
             if turned is not None:
@@ -229,19 +228,28 @@ class VisualSlam:
             self._has_travelled = True
             return self._epipolar(predicted, pixels, agree)
         index = np.flatnonzero(known)
-        points = np.array([self._tracks[i].point for i in index])
-        is_far = np.array([self._tracks[i].is_far for i in index])
+        points = np.array([self._tracks[i].homogeneous for i in index])
         has_gyro = self._since is None or self._since.rotation is not None
+        eye = predicted @ self.camera.T_body_camera
+        angle_sigma = self._angle_sigma(index, eye[:3, 3])
         camera, errors = resect(
-            predicted @ self.camera.T_body_camera, points, is_far, self._rays(pixels[index]),
-            angle_sigma=self._noise.sigma_px / self._focal_px,
+            eye, points, self._rays(pixels[index]), angle_sigma=angle_sigma,
             turn_sigma=0.01 if has_gyro else 0.1,
             shift_sigma=0.1 if has_gyro else 1.0,
         )  # fmt: skip
-        agree[index] = errors < self.config.gate_px / self._focal_px
+        pixel_sigma = self._noise.sigma_px / self._focal_px
+        agree[index] = errors * pixel_sigma < angle_sigma * self.config.gate_px / self._focal_px
         if not self.camera.distortion_is_assumed:  # else the residuals are those of the lens
-            self._noise.update(self._focal_px * errors[agree[index]])
+            is_sure = angle_sigma < _SURE * pixel_sigma  # others have residuals of their distance
+            self._noise.update(self._focal_px * errors[agree[index] & is_sure])
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
+
+    def _angle_sigma(self, index: IntArray, place: FloatArray) -> FloatArray:
+        """Return the error of the directions of tracks (N,) from a place, by their pixels and by their distance [rad]."""
+        moved = float(np.linalg.norm(place - self.window.camera_place()))
+        sigma = np.array([self._tracks[i].nearness_sigma for i in index])
+        error: FloatArray = np.hypot(self._noise.sigma_px / self._focal_px, moved * sigma)
+        return error
 
     def _turned(self, pixels: Pixels, came: BoolArray) -> tuple[FloatArray, BoolArray] | None:
         """Return pose and inliers of a turn on the spot since the keyframe; None where the corners show travel."""
@@ -320,6 +328,7 @@ class VisualSlam:
             seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
             travel_m = self._slip.travel_m(rolled, seen if health.is_visual else None)
             since = replace(since, travel_m=travel_m)
+        self.motions.append(since)
         self.window.add(self._pose, since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
@@ -341,8 +350,8 @@ class VisualSlam:
         return (since, before[:3, :3].T @ newest[:3, :3]) if self._has_travelled else None
 
     def _observe_height(self) -> None:
-        known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
-        points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
+        known = np.array([track.homogeneous for track in self._tracks if track.is_near]).reshape(-1, 4)
+        points = (known[:, :3] / known[:, 3:] - self._pose[:3, 3]) @ self._pose[:3, :3]
         travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
         self._slip.observe(points, float(travel))
         below = -points[-points[:, 2] > _STEEP * np.linalg.norm(points, axis=1), 2]
@@ -354,7 +363,7 @@ class VisualSlam:
         if n_missing < 0.1 * self.config.n_features or health.entropy_bits < self.config.least_entropy_bits:
             return
         taken = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
-        fresh = detect(enhanced, taken, n_missing, self.config)
+        fresh = self._detect(enhanced, taken, n_missing)
         for pixel, ray in zip(fresh, self._rays(fresh), strict=True):
             if ray[2] > 0.2:
                 self._tracks.append(Track(pixel, [self.window.newest], [ray]))
@@ -369,7 +378,7 @@ def _extrapolated(step: FloatArray, ratio: float) -> FloatArray:
     """Return the motion (4, 4) of a step of constant velocity that takes `ratio` times as long."""
     longer: FloatArray = step.copy()
     if abs(ratio - 1.0) > _SAME_INTERVAL:
-        longer[:3, :3] = gtsam.Rot3.Expmap(ratio * gtsam.Rot3.Logmap(gtsam.Rot3(step[:3, :3]))).matrix()
+        longer[:3, :3] = share_of_turn(step[:3, :3], ratio)
         longer[:3, 3] *= ratio
     return longer
 

@@ -9,7 +9,7 @@ deviations, and `in_order` leaves out messages that repeat a time or come late. 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ from survey.data.sensors.records import Inertial, Wheels
 from survey.interchange.bags import open_bag
 from vision_slam.readers.calibrations import FORWARD
 from vision_slam.readers.images import bits_used, decoded, eight_bits, scaling_note
-from vision_slam.readers.sequence import GpsLog, ImageSequence
+from vision_slam.readers.sequence import GpsLog, ImageSequence, MotionRecords
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -177,7 +177,9 @@ def _split_files(folder: Path) -> list[Path]:
     return [files[number] for number in numbers] if is_split else []
 
 
-def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None = None) -> ImageSequence:
+def read_bag(
+    path: str | Path, topics: Sequence[str] = (), camera: Camera | None = None
+) -> ImageSequence | MotionRecords:
     """Read a bag; topics are recognized by their type.
 
     Images are raw or compressed (`sensor_msgs`) and are decoded when they are used;
@@ -186,16 +188,18 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     count as wheels: only the distance between them is used. Where ``/tf_static`` has the
     mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
     else the camera is assumed level and forward, and the inertial unit aligned with the body,
-    and a note is added. Messages that repeat a time or come late are left out, with a note.
+    and a note is added. Messages that repeat a time or come late are left out, with a note. A bag without images
+    gives its odometry, inertial readings and fixes.
     """
     place = Path(path)
     has_folder = place.suffix in {".mcap", ".db3"} and (place.parent / "metadata.yaml").is_file()
     place = place.parent if has_folder else place
     with open_bag(place, _split_files(place)) as reader:
         taken = _chosen_topics(reader.connections, topics, place)
-        if "images" not in taken:
+        if not taken.keys() & {"images", "odometry", "fixes"}:
             raise InputError(
-                f"{place} holds no images (sensor_msgs Image or CompressedImage); name another bag."
+                f"{place} holds neither images (sensor_msgs Image or CompressedImage), nor wheels (nav_msgs Odometry), nor fixes "
+                "(sensor_msgs NavSatFix); name another bag."
             )
         found = _read_messages(reader, taken)
         unread = sorted(
@@ -205,7 +209,7 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
         )
     if unread:
         found.notes.append(f"not read: {', '.join(unread[:_MOST_NAMED])}{_and_more(len(unread))}")
-    return _sequence(place, taken, found, camera)
+    return _sequence(place, taken, found, camera) if "images" in taken else _motion(place, taken, found)
 
 
 @dataclass
@@ -315,7 +319,7 @@ def _ordered(found: _Found, taken: dict[str, str], notes: list[str]) -> IntArray
         rows[:] = [row for row, is_later in zip(rows, stays, strict=True) if is_later]
         _note_left_out(notes, taken.get(kind, kind), stays)
     stays = in_order(found.stamps)
-    _note_left_out(notes, taken["images"], stays)
+    _note_left_out(notes, taken.get("images", "images"), stays)
     return np.flatnonzero(stays)
 
 
@@ -347,6 +351,31 @@ def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera 
         )
     if found.shift:
         notes.append(scaling_note(found.shift))
+    beside = _motion_of(place, found, notes)
+    return ImageSequence(
+        camera,
+        Frames(np.array(found.stamps)[numbers], _BagImages(place, taken["images"], found.shift, numbers)),
+        **beside,
+        notes=tuple(notes),
+    )
+
+
+def _motion(place: Path, taken: dict[str, str], found: _Found) -> MotionRecords:
+    """Return the records of a bag without images."""
+    notes = [*(f"{kind} from {topic}" for kind, topic in taken.items()), *found.notes]
+    _ordered(found, taken, notes)
+    beside = _motion_of(place, found, notes)
+    return MotionRecords(**beside, notes=tuple(notes))
+
+
+class _Motion(TypedDict):
+    wheels: Wheels | None
+    inertial: Inertial | None
+    gps: GpsLog | None
+
+
+def _motion_of(place: Path, found: _Found, notes: list[str]) -> _Motion:
+    """Return wheels, inertial readings in the axes of the body, and fixes; add notes of what was assumed."""
     gps = None
     if found.fixes or found.n_without_fix:
         gps = bag_fixes(found.fixes, found.n_without_fix, place)
@@ -359,14 +388,8 @@ def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera 
             )
         turn = np.eye(3) if turned is None else turned[:3, :3]
         inertial = Inertial(rows[:, 0], rows[:, 1:4] @ turn.T, rows[:, 4:7] @ turn.T)
-    return ImageSequence(
-        camera,
-        Frames(np.array(found.stamps)[numbers], _BagImages(place, taken["images"], found.shift, numbers)),
-        wheels=decode_wheels(found.odometry) if found.odometry else None,
-        inertial=inertial,
-        gps=gps,
-        notes=tuple(notes),
-    )
+    wheels = decode_wheels(found.odometry) if len(found.odometry) > 1 else None
+    return {"wheels": wheels, "inertial": inertial, "gps": gps}
 
 
 class _BagImages:

@@ -256,7 +256,8 @@ class ImageSequence:
     `camera`: calibration and mounting. `frames`: images with times. `wheels`, `inertial`, `compass`: other
     sensors. `reference_time_s`, `reference` (R,) and (R, 4, 4): reference poses, body to the frame of the
     reference. Localization does not use them, except in `scale_by_reference`. `gps`: fixes of the same
-    recording. `notes`: what the reader did or assumed, one sentence each.
+    recording. `notes`: what the reader did or assumed, one sentence each. `scale_is_of_reference`: whether
+    `wheels` are the first metres of the reference.
     """
 
     camera: Camera
@@ -268,6 +269,12 @@ class ImageSequence:
     reference: FloatArray | None = None
     gps: GpsLog | None = None
     notes: tuple[str, ...] = ()
+    scale_is_of_reference: bool = False
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the images [s]."""
+        return self.frames.time_s
 
     def __post_init__(self) -> None:
         if (self.reference is None) != (self.reference_time_s is None):
@@ -278,6 +285,29 @@ class ImageSequence:
                 raise InputError(
                     f"there are {len(poses)} reference poses and {len(self.reference_time_s)} times; they must be as many."
                 )
+
+
+@dataclass(frozen=True)
+class MotionRecords:
+    """Records of a drive without images.
+
+    `wheels`, `inertial`: sensors of motion. `gps`: fixes. `notes`: what the reader did or assumed, one sentence each.
+    """
+
+    wheels: Wheels | None = None
+    inertial: Inertial | None = None
+    gps: GpsLog | None = None
+    notes: tuple[str, ...] = ()
+    camera: None = None
+    frames: None = None
+    compass: None = None
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the wheels, or of the fixes without wheels [s]."""
+        if self.wheels is not None:
+            return self.wheels.time_s
+        return np.zeros(0) if self.gps is None else self.gps.time_s
 
 
 def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSequence:
@@ -296,14 +326,20 @@ def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSeque
         raise InputError(
             f"the reference is {travel[-1]:.1f} m long; its first {distance_m:g} m cannot give the scale."
         )
-    odometer = Wheels(sequence.reference_time_s[:n], travel[:n], travel[:n])
-    return replace(sequence, wheels=odometer)
+    ahead = np.einsum(
+        "nij,ni->nj", sequence.reference[:-1, :3, :3], np.diff(sequence.reference[:, :3, 3], axis=0)
+    )
+    rolled = np.r_[0.0, np.cumsum(np.copysign(steps, ahead[:, 0]))][
+        :n
+    ]  # wheels count back where a body reverses
+    odometer = Wheels(sequence.reference_time_s[:n], rolled, rolled)
+    return replace(sequence, wheels=odometer, scale_is_of_reference=True)
 
 
 def georeference(
-    sequence: ImageSequence, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
+    sequence: ImageSequence | MotionRecords, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
 ) -> Recording:
-    """Combine an image sequence and fixes to a recording in a CRS.
+    """Combine an image sequence, or the records of a drive without images, and fixes to a recording in a CRS.
 
     The start is the first fix, and counts as not surveyed.
 
@@ -311,11 +347,11 @@ def georeference(
     """
     fixes, working = log.fixes(crs)
     fixes = replace(fixes, time_s=fixes.time_s + shift_s)
-    times = sequence.frames.time_s
+    times, sensor = sequence.time_s, "wheels" if sequence.frames is None else "images"
     inside = (fixes.time_s >= times[0]) & (fixes.time_s <= times[-1])
     if inside.sum() < 2:
         raise InputError(
-            f"{inside.sum()} of {len(fixes)} fixes ({_span(fixes.time_s)}) fall into the time of the images ({_span(times)}); "
+            f"{inside.sum()} of {len(fixes)} fixes ({_span(fixes.time_s)}) fall into the time of the {sensor} ({_span(times)}); "
             f"name with --gps-shift the seconds to add to the times of the fixes{_guess(log, times)}."
         )
     start = [np.interp(times[0], fixes.time_s, axis) for axis in fixes.position.T]

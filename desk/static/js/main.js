@@ -1,5 +1,6 @@
 // The page of the desk: a map first, one panel beside it. Everything that is shown was computed by the server.
 import { get } from "./server/api.js";
+import { showBackground } from "./map/background.js";
 import { Compare } from "./panel/compare.js";
 import { Corners } from "./panel/corners.js";
 import { byId, element, iconButton } from "./dom.js";
@@ -152,6 +153,7 @@ async function begin() {
     { name: "slope", title: "Slope", layer: terrain.slope, isPicture: true, legend: () => ({ title: "Slope", colours: site.slope_colours, low: "0°", high: `${site.largest_slope_deg}° or more` }) },
     { name: "relief", title: "Terrain", layer: terrain.relief, isPicture: true, isBase: true, legend: () => ({ title: "Elevation", colours: site.height_colours, low: metres(terrain.style.low_m), high: metres(terrain.style.high_m) }) },
   ], swipe);
+  if (site.background) showBackground(map, layers, site.background);
   terrain.events.addEventListener("change", () => layers.legends());
   const corners = new Corners(plan, tools, squareInView(map), notify);
   const settings = element("div"), requirement = element("div"), runs = element("div");

@@ -27,12 +27,16 @@
  * @property {string} notice What has changed since the plan was drawn; empty where nothing has.
  * @property {{name: string, code: string}} crs
  * @property {number} grid_per_ground
- * @property {{extent: number[], tile_cells: number, resolutions_m: number[]}} tiles
+ * @property {TileGrid} tiles
  * @property {TerrainStyle} style
  * @property {string[]} height_colours
  * @property {string[]} slope_colours
  * @property {number} largest_slope_deg
+ * @property {Background|null} background
  */
+/** @typedef {{extent: number[], tile_cells: number, resolutions_m: number[]}} TileGrid */
+/** @typedef {{centre: number[], scale: number, offset: number[], powers: [number, number][], factors: number[][]}} Polynomial */
+/** @typedef {{title: string, kind: string, address: string, grid?: TileGrid, to_mercator?: Polynomial, from_mercator?: Polynomial}} Background */
 /** @typedef {{text: string, low_m: number, high_m: number}} TerrainStyle */
 /** @typedef {{planner: Record<string, Field[]>, rover: Field[], fleet: Field[], requirement: Field[], simulation: Field[]}} Fields */
 /** @typedef {{kind: string, rover: number, places: Place[]}} Leg */

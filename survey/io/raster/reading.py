@@ -159,6 +159,16 @@ def stated_datum(source: Any) -> str:
     return datum_named(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
 
 
+_SOURCE_TAGS = ("SOURCE", "source", "NC_GLOBAL#source")
+
+
+def stated_source(path: str | Path) -> str:
+    """Return how a raster says that it was made, by a tag SOURCE or the attribute ``source`` of CF conventions, or ``""``."""
+    with open_dataset(existing_file(path, "the raster"), 1) as source:
+        tags = source.tags()
+    return next((tags[name].strip() for name in _SOURCE_TAGS if name in tags), "")
+
+
 def raster_facts(path: str | Path, units: str | None = None) -> RasterFacts:
     """Return what a raster's header says, without reading its cells."""
     with open_raster(existing_file(path, "the raster"), units) as source:

@@ -1,6 +1,6 @@
 """Elevation change between two surveys: difference, significance, volume and mass with errors.
 
-`change` subtracts two surfaces on the grid of the coarser one, after coregistration where asked for, and
+`change` subtracts two surfaces on the grid of the coarser one, after an alignment where asked for, and
 estimates the errors from the variogram of the difference on unchanged ground. `change_of_models` subtracts two
 fitted terrain models and takes the errors from their joint posteriors; it needs no unchanged ground. Both
 integrate the difference over outlines.
@@ -8,29 +8,41 @@ integrate the difference over outlines.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from survey.core import BoolArray, FloatArray, InputError, check_types, same_crs, same_vertical_datum
+from survey.core import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    check_types,
+    printable,
+    same_crs,
+    same_vertical_datum,
+)
 from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.differencing.along_flow import Thickness, change_along_flow
-from survey.scoring.differencing.coregistration import Shift, coregister
+from survey.scoring.differencing.coregistration import SurveyAlignment
+from survey.scoring.differencing.coregistration import align as align_surface
 from survey.scoring.differencing.displacements import DisplacementField
 from survey.scoring.differencing.variogram import LARGEST_CELLS, Variogram
 from survey.scoring.differencing.volume_change import (
     BLUNDER,
+    LEAST_KNOWN_SHARE,
     SIGNIFICANT,
     Change,
     ChangeErrors,
     ComparedGround,
+    Corrections,
     Outlines,
     OutlineVolumes,
+    StableLevel,
     VolumeChange,
     coverage_notes,
     datum_notes,
@@ -54,7 +66,7 @@ _LARGEST_OFFSET_M = 10.0
 def change(
     later: ElevationSurface,
     earlier: ElevationSurface,
-    outlines: Outlines,
+    outlines: Outlines | None = None,
     *,
     stable: Polygon | MultiPolygon | None = None,
     align: bool = False,
@@ -69,14 +81,16 @@ def change(
     later, earlier : Dem or Reconstruction
         In one CRS and above one datum; compared at the cells of the coarser one. Where both state
         standard deviations, the errors are assumed to vary with them.
-    outlines : mapping of str to polygon
-        Ground that may have changed, by name, in the surveys' CRS [m].
+    outlines : mapping of str to polygon, optional
+        Ground that may have changed, by name, in the surveys' CRS [m]. Of several, those beyond the surveys, and those of
+        which both map less than half, are left out with a note.
     stable : polygon, optional
         Ground that did not change; by default all that both surveys map outside the outlines.
     align : bool
-        First shift the earlier surface onto the later one, by their unchanged ground.
+        First correct shift, tilt and bias by curvature of the earlier surface, by the unchanged ground (`SurveyAlignment`);
+        their errors are counted.
     level : bool
-        Subtract the mean difference of the unchanged ground; its own error is counted.
+        Subtract the median difference of the unchanged ground; its own error is counted.
     flow : DisplacementField, optional
         Displacement of the ice between the surveys, of a type in `survey.scoring.differencing.displacements`: adds the change along
         the flow and the divergence of the flux.
@@ -92,14 +106,14 @@ def change(
     Raises
     ------
     InputError
-        Mixed systems or datums, fewer than 100 cells of unchanged ground, an outline less than half of
-        which is mapped by both, or rasters beyond 16 million cells (cut or average them first).
+        Mixed systems or datums, fewer than 100 cells of unchanged ground, no outline of which both map
+        a half, or rasters beyond 16 million cells (cut or average them first).
 
     Notes
     -----
     Errors on the outlines are assumed to be like those on the unchanged ground: errors from snow without
     contrast and from radar penetration are not included. An error that is correlated over more than half
-    the unchanged ground cannot be seen.
+    the unchanged ground cannot be seen. Without outlines and unchanged ground, all common ground counts as unchanged.
 
     Examples
     --------
@@ -116,54 +130,132 @@ def change(
     same_crs(new.crs, old.crs, "the two surveys")
     same_vertical_datum(new.vertical_datum, old.vertical_datum, "the two surveys")
     grid = _common_grid(new, old)
+    outlines = {} if outlines is None else outlines
     ground = ComparedGround.of(grid, outlines, stable)
-    shift = coregister(old, new, ground.stable_on(new)) if align else None
-    heights = new.at(grid.xy), old.at(grid.xy) if shift is None else shift.applied(grid.xy, old)
-    difference = (heights[0] - heights[1]).reshape(grid.shape)
-    compared = Dem.on(grid, difference, new.vertical_datum)
-    found = _change(compared, _relative_std(later, earlier, grid), ground, is_levelled=level, shift=shift)
+    relative = _relative_std(later, earlier, grid)
+    reference = Dem.on(grid, new.at(grid.xy).reshape(grid.shape), new.vertical_datum)
+    compared = _Compared.of(reference, old, relative, ground, is_aligned=align, is_levelled=level)
+    notes = _stable_notes(has_ground=bool(outlines) or stable is not None, uses_it=align or level)
+    found = _change(compared, relative, ground)
+    datums = datum_notes(new.vertical_datum, old.vertical_datum)
+    found = replace(found, notes=(*datums, *found.notes, *notes))
     if flow is None:
         return found
-    return replace(found, along_flow=change_along_flow(found, new, outlines, flow, thickness))
+    followed = {one.name: outlines[one.name] for one in found.volumes}
+    return replace(found, along_flow=change_along_flow(found, new, followed, flow, thickness))
 
 
-def _change(
-    difference: Dem, relative: FloatArray, ground: ComparedGround, *, is_levelled: bool, shift: Shift | None
-) -> Change:
+class _Compared(NamedTuple):
+    """Difference of two surfaces; heights of the ground (H, W); what was corrected, and how that changes the difference (K, H, W)."""
+
+    difference: Dem
+    heights: FloatArray
+    design: FloatArray
+    is_levelled: bool
+    alignment: SurveyAlignment | None = None
+    terms: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        reference: Dem,
+        old: Dem,
+        relative: FloatArray,
+        ground: ComparedGround,
+        *,
+        is_aligned: bool,
+        is_levelled: bool,
+    ) -> "_Compared":
+        """Subtract a surface from a reference, aligned where asked for."""
+        grid = ground.grid
+        before = old.at(grid.xy).reshape(grid.shape)
+        heights = np.where(np.isfinite(before), before, reference.elevation)
+        design = np.ones((int(is_levelled), *grid.shape))
+        if not is_aligned:
+            difference = Dem.on(grid, reference.elevation - before, reference.vertical_datum)
+            return cls(difference, heights, design, is_levelled)
+        made = align_surface(old, reference, ground.stable, np.nan_to_num(relative**-2.0))
+        difference = Dem.on(grid, reference.elevation - made.heights, reference.vertical_datum)
+        return cls(difference, heights, made.columns, is_levelled, made.alignment, made.terms)
+
+
+def _change(compared: _Compared, relative: FloatArray, ground: ComparedGround) -> Change:
     """Estimate the errors on the unchanged ground, and integrate over the outlines."""
-    heights = difference.elevation
+    heights = compared.difference.elevation
     known = np.isfinite(heights) & np.isfinite(relative)
     unchanged = remove_blunders(heights / relative, known & ground.stable)
-    offset = _mean(heights, 1.0 / relative**2, unchanged) if is_levelled else 0.0
-    levelled = Dem.on(ground.grid, heights - offset, difference.vertical_datum)
+    median = _weighted_median(heights[known & ground.stable], 1.0 / relative[known & ground.stable])
+    offset = median if compared.is_levelled else 0.0
+    levelled = Dem.on(ground.grid, heights - offset, compared.difference.vertical_datum)
     scaled = np.where(unchanged, levelled.elevation / relative, 0.0)
     variogram = Variogram.of(scaled, unchanged, ground_step_m(levelled))
     std = np.where(known, np.sqrt(variogram.variance_m2) * relative, np.nan)
-    volumes = OutlineVolumes(levelled, ChangeErrors(relative, known, unchanged, variogram, is_levelled))
-    n_blunders = int((known & ground.stable).sum() - unchanged.sum())
-    changes = tuple(
-        volumes.over(name, shape, inside)
-        for (name, shape), inside in zip(ground.outlines.items(), ground.inside, strict=True)
-    )
+    errors = ChangeErrors(relative, known, unchanged, variogram, compared.design, compared.is_levelled)
+    corrections = Corrections(errors, ground_step_m(levelled))
+    volumes = OutlineVolumes(levelled, compared.heights, corrections, ground)
+    changes, left_out = _over_outlines(volumes, ground)
+    alignment = compared.alignment
+    if alignment is not None:
+        alignment = replace(alignment, std=dict(zip(compared.terms, corrections.stds(), strict=True)))
+    level = None
+    if compared.is_levelled:
+        level = StableLevel(median, _mean(heights, relative**-2.0, unchanged), corrections.median_excess_m)
     return Change(
         levelled,
         std,
         significance(levelled.elevation, std),
-        changes,
+        tuple(found for found, _ in changes),
         "variogram",
         offset,
         int(unchanged.sum()),
-        shift,
+        alignment,
         variogram,
         (
-            *datum_notes(levelled.vertical_datum),
             *_copy_notes(heights[known & ground.stable]),
             *_offset_notes(offset),
-            *_error_notes(n_blunders, is_levelled=is_levelled),
+            *_level_notes(level),
+            *_alignment_notes(alignment),
+            *_error_notes(
+                int((known & ground.stable).sum() - unchanged.sum()), has_offset=not len(compared.design)
+            ),
             *scale_notes(levelled),
-            *coverage_notes(changes),
+            *coverage_notes(found for found, _ in changes),
+            *left_out,
         ),
+        level=level,
+        total=volumes.together(changes),
     )
+
+
+def _over_outlines(
+    volumes: OutlineVolumes, ground: ComparedGround
+) -> tuple[list[tuple[VolumeChange, BoolArray]], tuple[str, ...]]:
+    """Return the change over each outline with its cells (H, W), and notes on those of several that cannot be integrated over."""
+    found, refused = [], []
+    for (name, shape), inside in zip(ground.outlines.items(), ground.inside, strict=True):
+        try:
+            found.append((volumes.over(name, shape, inside), inside))
+        except InputError as error:
+            refused.append((name, error))
+    if refused and not found:
+        raise refused[0][1]
+    if not refused:
+        return found, ()
+    names = ", ".join(printable(name) for name, _ in refused)
+    note = (
+        f"{len(refused)} of {len(ground.outlines)} outlines are left out, because both surveys map less than "
+        f"{LEAST_KNOWN_SHARE:.0%} of each: {names}"
+    )
+    return found, (note,)
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    """Return the median of values (N,); half the sum of the weights (N,) lies on each side."""
+    if np.ptp(weights) == 0.0:
+        return float(np.median(values))
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, 0.5 * below[-1])])
 
 
 def _common_grid(new: Dem, old: Dem) -> Grid:
@@ -216,19 +308,53 @@ def _offset_notes(offset_m: float) -> tuple[str, ...]:
     if abs(offset_m) <= _LARGEST_OFFSET_M:
         return ()
     return (
-        f"{offset_m:+.4g} m, the mean difference of the unchanged ground, were subtracted, which is more than surveys err by; "
+        f"{offset_m:+.4g} m, the median difference of the unchanged ground, were subtracted, which is more than surveys err by; "
         "check the units and the vertical datums of both",
     )
 
 
-def _error_notes(n_blunders: int, *, is_levelled: bool) -> tuple[str, ...]:
+def _level_notes(level: StableLevel | None) -> tuple[str, ...]:
+    """Return a note where median and mean of the unchanged ground differ by more than their errors."""
+    if level is None or not level.disagrees:
+        return ()
+    return (
+        f"the median of the unchanged ground, {level.median_m:+.3f} m, was subtracted; its mean is {level.mean_m:+.3f} m, which is "
+        f"farther off than their errors allow ({SIGNIFICANT * level.excess_m:.3f} m): some of that ground changed, or its errors are skewed",
+    )
+
+
+def _stable_notes(*, has_ground: bool, uses_it: bool) -> tuple[str, ...]:
+    """Return a note where no ground is stated to be unchanged."""
+    if has_ground:
+        return ()
+    used = "levelled and aligned by it" if uses_it else "neither levelled nor aligned by it"
+    return (
+        f"no unchanged ground is stated: all common ground without blunders is taken for it, and the surveys are {used}, which is "
+        "right where most of it did not change; state it by --stable, or what changed by --outline",
+    )
+
+
+def _alignment_notes(alignment: SurveyAlignment | None) -> tuple[str, ...]:
+    """Return a note on terms of an alignment that the unchanged ground does not determine."""
+    if alignment is None or not alignment.left_out:
+        return ()
+    words = {
+        "east_m": "shift to the east",
+        "north_m": "shift to the north",
+        "curvature_bias_m2": "bias by curvature",
+    }
+    names = ", ".join(words[name] for name in alignment.left_out)
+    return (f"the unchanged ground is too even to determine: {names}; not corrected",)
+
+
+def _error_notes(n_blunders: int, *, has_offset: bool) -> tuple[str, ...]:
     """Return notes on blunders that were left out and on an offset that stays in."""
     notes = []
     if n_blunders:
         notes.append(
             f"{n_blunders} cells of unchanged ground beyond {BLUNDER:g} robust deviations were left out of the error estimate"
         )
-    if not is_levelled:
+    if has_offset:
         notes.append("an offset common to all cells is neither subtracted nor in the standard deviation")
     return tuple(notes)
 

@@ -2,7 +2,7 @@
 
 A `Variogram` is a nugget and a sum of spherical, Gaussian and Matérn 3/2 structures. The empirical variogram
 comes from the autocorrelation of the known cells by FFT; `fit_variogram` selects as few structures as explain its
-bins. `error_of_sum` gives the standard deviation of a weighted sum of correlated errors, with Satterthwaite's
+bins. `SumErrors` gives the standard deviation of a weighted sum of correlated errors, with Satterthwaite's
 (1946) degrees of freedom for the 95 % interval by Student's t.
 """
 
@@ -208,47 +208,90 @@ class ErrorOfSum:
         return float(stdtrit(max(self.n_free, 1.0), 0.975)) * self.std
 
 
-def error_of_sum(
-    weights: FloatArray, variogram: Variogram, estimated_on: BoolArray, step_m: float
-) -> ErrorOfSum:
-    r"""Return the error of the weighted sum of a raster's errors, with their correlation.
+class SumErrors:
+    r"""Errors of weighted sums of a raster's errors, with their correlation.
 
     .. math::  \operatorname{var} \sum_i w_i e_i = \sum_{ij} w_i w_j \, C(|x_i - x_j|) = \sum_k v_k, \qquad
                \nu = \Big(\frac{\sum_k v_k}{\sum_k v_k / \sqrt{\nu_k}}\Big)^2, \qquad
                \nu_k = \frac{n^2 C_k(0)^2}{\sum_{ij} C_k(|x_i - x_j|)^2}
 
-    over all pairs of cells exactly, by autocorrelations; k runs over the structures of the
+    over all pairs of cells exactly, by Fourier transforms; k runs over the structures of the
     variogram, and ν is Satterthwaite's (1946) number of degrees of freedom: how many
     independent errors of each range the n cells have shown from which the variogram was learnt.
     The sills of one fit err together, so that their deviations add up, not their variances.
 
-    `weights` (H, W): where they add up to 0 (the mean of a glacier less that of the ground around it), what
-    all cells share cancels. `estimated_on` (H, W) bool: the cells that it was estimated on. `step_m`: width of a
+    `variogram`: of the errors. `estimated_on` (H, W) bool: the cells that it was estimated on. `step_m`: width of a
     cell [m].
-
-    >>> white, all_cells = Variogram(4.0), np.ones((3, 3), dtype=bool)
-    >>> error_of_sum(np.full((3, 3), 1.0 / 9.0), white, all_cells, 1.0)
-    ErrorOfSum(std=0.667, n_free=9.0)
     """
-    lags = _lag_lengths(_padded(weights.shape), step_m)
-    of_weights, of_cells = (_autocorrelation(a) for a in (weights, estimated_on.astype(np.float64)))
-    structures = [(variogram.nugget_m2, np.where(lags > 0.0, 0.0, 1.0))]
-    structures += [(one.sill_m2, one.correlation(lags)) for one in variogram.structures]
-    n = float(estimated_on.sum())
-    parts = np.array([max(0.0, sill * float((of_weights * rho).sum())) for sill, rho in structures])
-    free = np.array([n**2 / float((of_cells * rho**2).sum()) for _, rho in structures])
-    variance = float(parts.sum())
-    if variance == 0.0:
-        return ErrorOfSum(0.0, n)
-    return ErrorOfSum(float(np.sqrt(variance)), (variance / float((parts / np.sqrt(free)).sum())) ** 2)
 
+    def __init__(self, variogram: Variogram, estimated_on: BoolArray, step_m: float) -> None:
+        self._shape = _padded(estimated_on.shape)
+        self._n = float(estimated_on.sum())
+        lags = _lag_lengths(self._shape, step_m)
+        cells = self._power(estimated_on.astype(np.float64))
+        self._variance_m2 = variogram.variance_m2
+        self._parts: list[tuple[float, FloatArray, float]] = []
+        correlation = np.zeros_like(lags)
+        structures = [(variogram.nugget_m2, None), *((one.sill_m2, one) for one in variogram.structures)]
+        for sill, structure in structures:
+            rho = np.where(lags > 0.0, 0.0, 1.0) if structure is None else structure.correlation(lags)
+            n_free = self._n**2 / float((cells * self._spectrum(rho**2)).sum())
+            self._parts.append((sill, self._spectrum(rho), n_free))
+            correlation += sill / max(self._variance_m2, 1e-300) * rho
+        bounded = np.clip(correlation, -1.0, 1.0)
+        self._excess = self._spectrum(np.arcsin(bounded) - bounded)
 
-def _autocorrelation(raster: FloatArray) -> FloatArray:
-    """Sum of the products of all pairs of cells, by their lag."""
-    shape = _padded(raster.shape)
-    spectrum = rfft2(raster, shape)
-    correlation: FloatArray = irfft2(spectrum * spectrum.conj(), shape)
-    return correlation
+    def of(self, weights: FloatArray) -> ErrorOfSum:
+        """Return the error of the sum of the errors weighted by (H, W).
+
+        Where the weights add up to 0 (the mean of a glacier less that of the ground around it), what all cells share
+        cancels.
+
+        >>> all_cells = np.ones((3, 3), dtype=bool)
+        >>> SumErrors(Variogram(4.0), all_cells, 1.0).of(all_cells / 9.0)
+        ErrorOfSum(std=0.667, n_free=9.0)
+        """
+        power = self._power(weights)
+        parts = np.array([max(0.0, sill * float((power * rho).sum())) for sill, rho, _ in self._parts])
+        free = np.array([n_free for *_, n_free in self._parts])
+        variance = float(parts.sum())
+        if variance == 0.0:
+            return ErrorOfSum(0.0, self._n)
+        return ErrorOfSum(float(np.sqrt(variance)), (variance / float((parts / np.sqrt(free)).sum())) ** 2)
+
+    def median_excess_m(self, weights: FloatArray) -> float:
+        r"""Return the standard deviation that a median has beyond the mean with the weights (H, W) [m].
+
+        .. math::  \operatorname{var}(median) - \operatorname{var}(mean)
+                   = C(0) \sum_{ij} w_i w_j \, (\arcsin \rho_{ij} - \rho_{ij})
+
+        for normal errors of correlation ρ, because signs of errors have the covariance (2 / π) arcsin ρ (Sheppard 1899).
+        The median's error is as correlated with all other errors as the mean's, so that this part is independent of them.
+
+        >>> all_cells = np.ones((20, 20), dtype=bool)
+        >>> excess_m = SumErrors(Variogram(4.0), all_cells, 1.0).median_excess_m(all_cells / 400.0)
+        >>> round(400.0 * (excess_m**2 + 4.0 / 400.0) / 4.0, 3)
+        1.571
+        """
+        return float(
+            np.sqrt(max(self._variance_m2 * float((self._power(weights) * self._excess).sum()), 0.0))
+        )
+
+    def _power(self, raster: FloatArray) -> FloatArray:
+        """Return the power spectrum, scaled so that its product with `_spectrum` sums up over pairs of cells."""
+        power = np.abs(rfft2(raster, self._shape)) ** 2
+        # Half of the spectrum is held; the columns that stand for both halves count twice.
+        twice = np.full(power.shape[1], 2.0)
+        twice[0] = 1.0
+        if self._shape[1] % 2 == 0:
+            twice[-1] = 1.0
+        scaled: FloatArray = power * (twice / (self._shape[0] * self._shape[1]))
+        return scaled
+
+    def _spectrum(self, of_lags: FloatArray) -> FloatArray:
+        """Return the Fourier transform of an even function of the lag, which is real."""
+        spectrum: FloatArray = rfft2(of_lags).real
+        return spectrum
 
 
 def _padded(shape: tuple[int, ...]) -> tuple[int, int]:

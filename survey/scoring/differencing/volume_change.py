@@ -1,21 +1,15 @@
-"""Elevation and volume change over outlines, with errors carried over from unchanged ground, and its files.
+"""Elevation and volume change over outlines, with errors carried over from unchanged ground.
 
 `Change` is the result of a comparison: difference, standard deviation, significance, and a `VolumeChange` for
 each outline, from which mass follows by a density. `ComparedGround` rasterizes the outlines and the ground that
 did not change. `OutlineVolumes` integrates a difference over outlines; the error of a mean follows from the
-variogram. The notes state assumptions that a reader has to check. Named outlines of glaciers come from GeoJSON,
-GeoPackage, KML, KMZ or Shapefile; surveys that are too large for the memory are averaged over squares of cells. A change
-is written as rasters, as a table for spreadsheets, and as JSON.
+variogram. The notes state assumptions that a reader has to check.
 """
 
-import csv
-import io
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,30 +21,15 @@ from survey.core import (
     DataObject,
     FloatArray,
     InputError,
-    agreed_crs,
     printable,
-    projected_crs,
-    write_json,
-    write_text,
 )
 from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
-from survey.core.text import csv_cell
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.outlines import (
-    check_polygon,
-    in_crs,
-    polygon_parts,
-    read_outlines_file,
-    refuse_nested,
-    with_simple_rings,
-)
-from survey.io.raster import raster_header, sigma_band, write_raster
-from survey.io.raster.large import read_averaged
-from survey.reconstruction.terrain_map import INTERPOLATED, Reconstruction
-from survey.scoring.accuracy import NMAD_FACTOR
-from survey.scoring.differencing.coregistration import Shift
-from survey.scoring.differencing.variogram import LARGEST_CELLS, Variogram, error_of_sum
+from survey.scoring.accuracy import NMAD_FACTOR, ErrorStatistics
+from survey.scoring.differencing.coregistration import SurveyAlignment
+from survey.scoring.differencing.hypsometry import ElevationBand, Hypsometry
+from survey.scoring.differencing.variogram import SumErrors, Variogram
 
 SIGNIFICANT = 1.959964
 """A change beyond this many standard deviations is called significant."""
@@ -82,7 +61,7 @@ class VolumeChange:
     area_m2 : float
         Its area on the ground [m²].
     known_share : float
-        Share of it that both surveys map; the rest is assumed to change like the mapped part.
+        Share of it that both surveys map; the rest is filled by elevation bands (`Hypsometry`).
     mean_m : float
         Mean change of height, positive when the surface rose [m].
     volume_m3, std_m3 : float
@@ -91,6 +70,12 @@ class VolumeChange:
         Half of its 95 % interval [m³].
     naive_std_m3 : float
         Standard deviation if the errors of all cells were independent [m³]; far too small.
+    void_std_m3 : float
+        Part of `std_m3` that comes from what the surveys do not map [m³].
+    bands : tuple of ElevationBand
+        Change by elevation, from the lowest band up; none where the surveys are terrain models.
+    identifier : str
+        Its identifier in an inventory of glaciers; empty where there is none.
     """
 
     name: str
@@ -101,6 +86,9 @@ class VolumeChange:
     std_m3: float
     half_width_95_m3: float
     naive_std_m3: float
+    void_std_m3: float = 0.0
+    bands: tuple[ElevationBand, ...] = ()
+    identifier: str = ""
 
     def mass(self, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0) -> MassBalance:
         """Convert the volume to mass.
@@ -175,6 +163,64 @@ class AlongFlow(DataObject):
     balances: tuple[FlowBalance, ...]
 
 
+class StableLevel(NamedTuple):
+    """Level of the difference on the unchanged ground.
+
+    `median_m`, `mean_m`: median, and mean without blunders [m]. `excess_m`: standard deviation of the median beyond that of
+    the mean, and so of the difference of both [m].
+    """
+
+    median_m: float
+    mean_m: float
+    excess_m: float
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether median and mean differ by more than their errors, as where the differences are skewed."""
+        return abs(self.median_m - self.mean_m) > SIGNIFICANT * self.excess_m
+
+
+Outlines = Mapping[str, Polygon | MultiPolygon]
+
+
+class ComparedGround(NamedTuple):
+    """Masks (H, W) of the outlines and of the unchanged ground on a grid."""
+
+    grid: Grid
+    outlines: Outlines
+    inside: tuple[BoolArray, ...]
+    stable: BoolArray
+
+    @classmethod
+    def of(cls, grid: Grid, outlines: Outlines, stable: Polygon | MultiPolygon | None) -> "ComparedGround":
+        """Rasterize outlines; without `stable`, all ground outside them counts as unchanged.
+
+        Outlines beyond the grid have no cells; where all are, they are refused.
+        """
+        inside = tuple(_cells_within(grid, shape) for shape in outlines.values())
+        if outlines and not any(mask.any() for mask in inside):
+            name, shape = next(iter(outlines.items()))
+            raise InputError(
+                f"the outline {name!r} ({shape.area:.0f} m²) holds no cell of the surveys' common grid; check that they overlap."
+            )
+        rest = ~np.logical_or.reduce(inside) if inside else np.ones(grid.shape, dtype=bool)
+        if stable is not None:
+            rest &= _cells_within(grid, stable)
+        return cls(grid, outlines, inside, rest)
+
+
+def _cells_within(grid: Grid, shape: Polygon | MultiPolygon) -> BoolArray:
+    """Return the cells (H, W) whose centres lie in a polygon."""
+    west, south, east, north = shape.bounds
+    columns = np.flatnonzero((grid.x >= west) & (grid.x <= east))
+    rows = np.flatnonzero((grid.y >= south) & (grid.y <= north))
+    inside = np.zeros(grid.shape, dtype=bool)
+    if rows.size and columns.size:
+        x, y = grid.x[columns][None], grid.y[rows][:, None]
+        inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = shapely.contains_xy(shape, x, y)
+    return inside
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Change(DataObject):
     """Change of a surface between two surveys.
@@ -189,21 +235,25 @@ class Change(DataObject):
         1 where the surface rose significantly at the 95 % level, -1 where it sank, 0 elsewhere. One in
         twenty cells that did not change is called significant too.
     volumes : tuple of VolumeChange
-        One for each outline.
+        One for each outline that both surveys map by a half or more.
     method : str
         ``joint posterior`` of two terrain models, or ``variogram`` of the unchanged ground.
     offset_m : float
-        Mean difference of the unchanged ground, which was subtracted [m].
+        Median difference of the unchanged ground, which was subtracted [m].
     n_stable : int
         Cells of unchanged ground; 0 for the joint posterior.
-    shift : Shift, optional
-        Shift of the earlier surface before the comparison.
+    alignment : SurveyAlignment, optional
+        Shift, tilt and bias by curvature of the earlier surface, which were corrected.
     variogram : Variogram, optional
         Of the errors of the difference; distances on the ground.
     notes : tuple of str
         Assumptions behind the figures.
     along_flow : AlongFlow, optional
         Change along the flow of the ice, where a flow was given; `difference` is that at fixed places.
+    level : StableLevel, optional
+        Median and mean of the unchanged ground, where it was used.
+    total : VolumeChange, optional
+        All outlines together, where there are several that do not overlap.
     """
 
     difference: Dem
@@ -213,10 +263,18 @@ class Change(DataObject):
     method: str
     offset_m: float = 0.0
     n_stable: int = 0
-    shift: Shift | None = None
+    alignment: SurveyAlignment | None = None
     variogram: Variogram | None = None
     notes: tuple[str, ...] = ()
     along_flow: AlongFlow | None = None
+    level: StableLevel | None = None
+    total: VolumeChange | None = None
+
+    @cached_property
+    def statistics(self) -> ErrorStatistics:
+        """Statistics of the difference on all ground that both surveys map."""
+        known = self.difference.elevation
+        return ErrorStatistics.of(known[np.isfinite(known)])
 
     @cached_property
     def map_scale(self) -> MapScale:
@@ -234,40 +292,6 @@ BLUNDER = 5.0
 """Unchanged cells farther from their median than this many robust deviations hold blunders, not errors."""
 _N_LEAST_STABLE = 100
 
-Outlines = Mapping[str, Polygon | MultiPolygon]
-
-
-class ComparedGround(NamedTuple):
-    """Masks (H, W) of the outlines and of the unchanged ground on a grid."""
-
-    grid: Grid
-    outlines: Outlines
-    inside: tuple[BoolArray, ...]
-    stable: BoolArray
-
-    @classmethod
-    def of(cls, grid: Grid, outlines: Outlines, stable: Polygon | MultiPolygon | None) -> "ComparedGround":
-        """Rasterize outlines; without `stable`, all ground outside them counts as unchanged."""
-        if not outlines:
-            raise InputError("there is no outline; name at least one polygon over which to compute change.")
-        x, y = grid.xy.T
-        inside = tuple(shapely.contains_xy(shape, x, y).reshape(grid.shape) for shape in outlines.values())
-        for name, shape, mask in zip(outlines, outlines.values(), inside, strict=True):
-            if not mask.any():
-                raise InputError(
-                    f"the outline {name!r} ({shape.area:.0f} m²) holds no cell of the surveys' common grid; check that they overlap."
-                )
-        rest = ~np.logical_or.reduce(inside)
-        if stable is not None:
-            rest &= shapely.contains_xy(stable, x, y).reshape(grid.shape)
-        return cls(grid, outlines, inside, rest)
-
-    def stable_on(self, dem: Dem) -> BoolArray:
-        """Return the unchanged ground (H, W) on the cells of another raster."""
-        stable = Dem.on(self.grid, self.stable.astype(np.float64))
-        calm: BoolArray = (stable.at(dem.xy) > 0.99).reshape(dem.shape)
-        return calm
-
 
 def remove_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
     """Return the unchanged cells (H, W) without blunders."""
@@ -282,6 +306,8 @@ def remove_blunders(difference: FloatArray, stable: BoolArray) -> BoolArray:
     return calm
 
 
+# Neighbours that share more than this part of their cells overlap.
+_SHARED_CELLS = 0.001
 LEAST_KNOWN_SHARE = 0.5
 """An outline of which both surveys map less than this share is refused."""
 
@@ -291,86 +317,139 @@ class ChangeErrors(NamedTuple):
 
     `relative` (H, W): standard deviation of each cell relative to the mean. `known`, `unchanged` (H, W) bool:
     cells that both surveys map, and those from which the errors were estimated. `variogram`: of the errors
-    over their relative deviation; distances on the ground. `is_levelled`: the mean difference of the
-    unchanged ground was subtracted.
+    over their relative deviation; distances on the ground. `design` (K, H, W): how each correction that was estimated on
+    the unchanged ground changes the difference: level, shift, tilt, bias by curvature. `has_median`: the level is a median.
     """
 
     relative: FloatArray
     known: BoolArray
     unchanged: BoolArray
     variogram: Variogram
-    is_levelled: bool
+    design: FloatArray
+    has_median: bool
+
+
+class Corrections:
+    r"""Errors of what was estimated on the unchanged ground and corrected everywhere.
+
+    The corrections are linear in the errors of the unchanged ground, :math:`(X^T W X)^{-1} X^T W e` with the columns X of
+    the design and weights W of the inverse variances; so is their part in any sum, and no derivative is left out.
+
+    `errors`: of the difference. `step_m`: width of a cell on the ground [m].
+    """
+
+    def __init__(self, errors: ChangeErrors, step_m: float) -> None:
+        self.errors = errors
+        used = errors.unchanged & np.isfinite(errors.design).all(axis=0)
+        self._weights = np.where(used, 1.0 / errors.relative**2, 0.0)
+        self._columns = np.where(used, errors.design, 0.0)
+        normal = np.einsum("kij,lij,ij->kl", self._columns, self._columns, self._weights)
+        self._inverse = np.linalg.pinv(normal, hermitian=True)
+        self.sums = SumErrors(errors.variogram, errors.unchanged, step_m)
+
+    def weights_of(self, factors: FloatArray) -> FloatArray:
+        """Return the weights (H, W) of the unchanged ground's differences in the sum of corrections times (K,)."""
+        found: FloatArray = np.tensordot(self._inverse @ factors, self._columns, 1) * self._weights
+        return found
+
+    def stds(self) -> list[float]:
+        """Return the standard deviation of each correction (K,)."""
+        units = np.eye(len(self._inverse))
+        return [self.sums.of(self.weights_of(unit) * self.errors.relative).std for unit in units]
+
+    def error_weights(self, weights: FloatArray) -> FloatArray:
+        """Return the weights (H, W) of the errors of all cells in a mean with the weights (H, W), less the corrections in it."""
+        total = weights
+        if len(self._inverse):
+            seen = np.where(np.isfinite(self.errors.design).all(axis=0), weights, 0.0)
+            factors = np.nansum(self.errors.design * seen, axis=(1, 2)) / max(float(seen.sum()), 1e-300)
+            total = weights - self.weights_of(factors)
+        return np.where(self.errors.known, total * self.errors.relative, 0.0)
+
+    @cached_property
+    def median_excess_m(self) -> float:
+        """Standard deviation that the level has because it is a median [m]; 0 where it is none."""
+        if not self.errors.has_median:
+            return 0.0
+        root = np.sqrt(self._weights)
+        return self.sums.median_excess_m(root / self._weights.sum())
 
 
 class OutlineVolumes:
     """Integrals of a difference raster over outlines.
 
-    `difference`: later minus earlier [m]. `errors`: of the same raster.
+    `difference`: later minus earlier [m]. `heights` (H, W): of the ground, for elevation bands [m]. `corrections`: with the
+    errors of the difference. `ground`: outlines.
     """
 
-    def __init__(self, difference: Dem, errors: ChangeErrors) -> None:
+    def __init__(
+        self, difference: Dem, heights: FloatArray, corrections: Corrections, ground: ComparedGround
+    ) -> None:
         self.difference = difference
-        self.errors = errors
-
-    @cached_property
-    def ground(self) -> FloatArray:
-        """Ground area of each cell over its grid area (H, W)."""
-        grid = self.difference.grid()
-        return 1.0 / areal_factors(grid.crs, grid.x, grid.y)
-
-    @cached_property
-    def ground_step_m(self) -> float:
-        """Mean width of a cell on the ground [m]."""
-        return ground_step_m(self.difference)
+        self.corrections = corrections
+        self.errors = corrections.errors
+        grid = difference.grid()
+        areas = difference.step_m**2 / areal_factors(grid.crs, grid.x, grid.y)
+        within = np.logical_or.reduce(ground.inside) if ground.inside else np.zeros(grid.shape, dtype=bool)
+        self._hypsometry = Hypsometry(heights, difference.elevation, areas, self.errors.known, within)
 
     def over(self, name: str, shape: Polygon | MultiPolygon, inside: BoolArray) -> VolumeChange:
         """Return the change over an outline whose cells are `inside` (H, W)."""
-        used = inside & self.errors.known
-        share = self._known_share(name, shape, inside)
-        weights = np.where(used, self.ground, 0.0)
-        weights /= weights.sum()
-        heights = self.difference.elevation
-        mean = float((weights[used] * heights[used]).sum())
-        error = error_of_sum(
-            self._error_weights(weights), self.errors.variogram, self.errors.unchanged, self.ground_step_m
-        )
-        # Ground that a survey did not map may have changed otherwise, by as much as the mapped part varies.
-        unseen = (1.0 - share) * float(heights[used].std()) if share < 1.0 - 1e-6 else 0.0
-        area = ground_area_m2(self.difference.crs, shape)
-        return VolumeChange(
-            name,
-            area,
-            share,
-            mean,
-            mean * area,
-            float(np.hypot(error.std, unseen)) * area,
-            float(np.hypot(error.half_width_95, SIGNIFICANT * unseen)) * area,
-            self._naive_std_m(weights[used], used) * area,
-        )
-
-    def _known_share(self, name: str, shape: Polygon | MultiPolygon, inside: BoolArray) -> float:
-        """Return the share of an outline that both surveys map; refuses less than a half."""
         on_raster = float(shape.intersection(shapely.box(*self.difference.bounds)).area / shape.area)
-        share = float((inside & self.errors.known).sum()) / float(inside.sum()) * on_raster
+        on_raster = 1.0 if on_raster > 1.0 - 1e-9 else on_raster
+        share = self._known_share(name, inside) * on_raster
         if share < LEAST_KNOWN_SHARE:
             raise InputError(
                 f"both surveys map {share:.0%} of the outline {name!r}; {LEAST_KNOWN_SHARE:.0%} are needed for a volume."
             )
-        return share
+        filled = self._hypsometry.mean_over(inside, 1.0 - on_raster)
+        area = ground_area_m2(self.difference.crs, shape)
+        found = self._change(name, area, share, filled.weights, filled.void_std_m)
+        return replace(found, bands=filled.bands)
 
-    def _error_weights(self, weights: FloatArray) -> FloatArray:
-        """Return the weights of the errors of all cells in an outline's mean, less that of the unchanged ground."""
-        relative, known, unchanged, _, is_levelled = self.errors
-        weighted = weights * relative
-        if is_levelled:
-            calm = unchanged / relative**2
-            weighted = weighted - calm / calm.sum() * relative
-        return np.where(known, weighted, 0.0)
+    def together(self, found: Sequence[tuple[VolumeChange, BoolArray]]) -> VolumeChange | None:
+        """Return the change over several outlines with their cells (H, W); None where there is one, or two overlap."""
+        cells = sum(
+            (inside.astype(np.int64) for _, inside in found), np.zeros(self.difference.shape, np.int64)
+        )
+        if len(found) < 2 or (cells > 1).sum() > _SHARED_CELLS * (cells > 0).sum():
+            return None
+        areas = np.array([one.area_m2 for one, _ in found])
+        beyond = [self._hypsometry.mean_over(inside, 0.0).weights for _, inside in found]
+        weights = sum(share * one for share, one in zip(areas / areas.sum(), beyond, strict=True))
+        share = float(np.average([one.known_share for one, _ in found], weights=areas))
+        void_m = sum(one.void_std_m3 for one, _ in found) / float(areas.sum())
+        return self._change("all outlines", float(areas.sum()), share, np.asarray(weights), void_m)
 
-    def _naive_std_m(self, weights: FloatArray, used: BoolArray) -> float:
-        """Return the standard deviation of the mean if the errors of all cells were independent [m]."""
-        squares = (weights * self.errors.relative[used]) ** 2
-        return float(np.sqrt(self.errors.variogram.variance_m2 * squares.sum()))
+    def _change(
+        self, name: str, area_m2: float, share: float, weights: FloatArray, void_m: float
+    ) -> VolumeChange:
+        """Return the change with the mean of weights (H, W), to whose error voids add a standard deviation [m]."""
+        used = weights > 0.0
+        mean = float(weights[used] @ self.difference.elevation[used])
+        error = self.corrections.sums.of(self.corrections.error_weights(weights))
+        # Errors of a median and of voids are independent of those of the mapped cells' mean.
+        other = float(np.hypot(void_m, self.corrections.median_excess_m))
+        naive = np.sqrt(
+            self.errors.variogram.variance_m2 * ((weights * self.errors.relative)[used] ** 2).sum()
+        )
+        return VolumeChange(
+            name,
+            area_m2,
+            share,
+            mean,
+            mean * area_m2,
+            float(np.hypot(error.std, other)) * area_m2,
+            float(np.hypot(error.half_width_95, SIGNIFICANT * other)) * area_m2,
+            float(naive) * area_m2,
+            void_m * area_m2,
+        )
+
+    def _known_share(self, name: str, inside: BoolArray) -> float:
+        """Return the share of an outline's cells that both surveys map."""
+        if not inside.any():
+            raise InputError(f"the outline {name!r} holds no cell of the surveys' common grid.")
+        return float((inside & self.errors.known).sum()) / float(inside.sum())
 
 
 def ground_step_m(dem: Dem) -> float:
@@ -382,11 +461,13 @@ def ground_step_m(dem: Dem) -> float:
 _MAPPED = 0.99
 
 
-def datum_notes(*datums: str) -> tuple[str, ...]:
-    """Return a note where a survey states no vertical datum."""
-    if all(datums):
-        return ()
-    return ("a survey does not state its vertical datum; check that both count from the same",)
+def datum_notes(later: str, earlier: str) -> tuple[str, ...]:
+    """Return a note for each survey that states no vertical datum."""
+    return tuple(
+        f"the {name} survey does not state its vertical datum; check that both count from the same"
+        for name, datum in (("later", later), ("earlier", earlier))
+        if not datum
+    )
 
 
 def scale_notes(dem: Dem) -> tuple[str, ...]:
@@ -398,137 +479,8 @@ def scale_notes(dem: Dem) -> tuple[str, ...]:
 def coverage_notes(volumes: Iterable[VolumeChange]) -> tuple[str, ...]:
     """Return a note for each outline of which a survey does not map a part."""
     return tuple(
-        f"both surveys map {one.known_share:.0%} of {printable(one.name)}; the mean change of that part is taken for all of it, "
-        "and its standard deviation for the error of the rest"
+        f"both surveys map {one.known_share:.0%} of {printable(one.name)}; the rest is filled with the mean change at its elevation, "
+        f"which adds ± {one.void_std_m3 / one.area_m2:.3f} m to the error of the mean"
         for one in volumes
         if one.known_share < _MAPPED
-    )
-
-
-def read_outlines(
-    path: str | Path, crs: Any, select: Sequence[str] = ()
-) -> dict[str, Polygon | MultiPolygon]:
-    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS.
-
-    `select`: which of them; a name, or ``COLUMN=VALUE``, with ``*`` for any letters.
-    """
-    what = "the outline file"
-    found = read_outlines_file(path, what, select=select, has_roles=False)
-    features = with_simple_rings(found.features)
-    refuse_nested(features, only_parts=True)
-    wheres = [f"{found.where}: the outline {printable(name)!r}" for name in found.names]
-    for where, shape in zip(wheres, features.geometry, strict=True):
-        polygon_parts(shape, where)
-    shapes = shapely.force_2d(in_crs(features, projected_crs(crs, "the surveys"), found.where).geometry)
-    for where, shape in zip(wheres, shapes, strict=True):
-        check_polygon(shape, where)
-    return dict(zip(found.names, shapes, strict=True))
-
-
-_AVERAGED_CELLS = 4_000_000
-
-
-def averaged_step_m(files: list[Path]) -> float | None:
-    """Return the side of the squares over which surveys are averaged before they are compared [m].
-
-    Returns: None where every survey is small enough to be compared cell by cell.
-    """
-    headers = [raster_header(file) for file in files]
-    if all(math.prod(header.shape) <= LARGEST_CELLS for header in headers):
-        return None
-    sides = [math.prod(header.shape) * header.transform.a**2 / _AVERAGED_CELLS for header in headers]
-    return float(max(np.sqrt(sides).max(), *(header.transform.a for header in headers)))
-
-
-def average_survey(
-    file: Path, step_m: float, crs: Any = None, units: str | None = None
-) -> Reconstruction | Dem:
-    """Return a survey averaged over squares of about a given side, with its band of standard deviations (`sigma_band`).
-
-    `step_m`: side of the squares [m]; whole cells are taken, at least one.
-    """
-    cells = max(1, math.ceil(step_m / raster_header(file).transform.a - 1e-9))
-    bands = (1,) if sigma_band(file) is None else (1, 2)
-    rasters = read_averaged(file, cells, bands, units)
-    system = agreed_crs(rasters[0].crs, crs, str(file))
-    mean, *std = (Dem(one.values, one.transform, system, one.vertical_datum) for one in rasters)
-    if not std:
-        return mean
-    return Reconstruction(mean, std[0], np.full(mean.shape, INTERPOLATED), "outside", {})
-
-
-TABLE_COLUMNS = (
-    "name", "area_m2", "known_share", "mean_change_m", "volume_change_m3", "volume_std_m3",
-    "volume_low_95_m3", "volume_high_95_m3", "naive_std_m3", "mass_change_kg", "mass_std_kg",
-    "specific_mass_balance_m_we", "specific_std_m_we",
-)  # fmt: skip
-
-
-def change_rows(
-    change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
-) -> list[dict[str, Any]]:
-    """Return one row for each outline, units in the keys."""
-    rows = []
-    for found in change.volumes:
-        mass = found.mass(density_kg_m3, density_std_kg_m3)
-        low, high = (found.volume_m3 + sign * found.half_width_95_m3 for sign in (-1.0, 1.0))
-        values = (found.name, found.area_m2, found.known_share, found.mean_m, found.volume_m3, found.std_m3)
-        row = (*values, low, high, found.naive_std_m3, *mass)
-        rows.append(dict(zip(TABLE_COLUMNS, row, strict=True)))
-    return rows
-
-
-def change_facts(
-    change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
-) -> dict[str, Any]:
-    """Return everything but the rasters, as JSON has it."""
-    facts = {
-        "volumes": change_rows(change, density_kg_m3, density_std_kg_m3),
-        "density_kg_m3": density_kg_m3,
-        "density_std_kg_m3": density_std_kg_m3,
-        "method": change.method,
-        "offset_m": change.offset_m,
-        "n_stable": change.n_stable,
-        "shift": None if change.shift is None else asdict(change.shift),
-        "variogram": None if change.variogram is None else asdict(change.variogram),
-        "significant_share": float(np.mean(np.asarray(change.significant) != 0)),
-        "map_scale": change.map_scale.to_dict(),
-        "notes": list(change.notes),
-    }
-    if change.along_flow is not None:
-        facts["along_flow"] = [balance._asdict() for balance in change.along_flow.balances]
-    return facts
-
-
-def write_change(
-    folder: str | Path, change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
-) -> None:
-    """Write ``change.tif`` (difference, deviation, significance), ``change.csv`` and ``change.json``.
-
-    With a flow also ``along_flow.tif``: difference along the flow and displacement, with their deviations.
-    """
-    place, dem = Path(folder), change.difference
-    bands = {
-        "difference": dem.elevation,
-        "standard_deviation": change.std_m,
-        "significant": np.asarray(change.significant, dtype=np.float64),
-    }
-    write_raster(place / "change.tif", bands, dem.transform, dem.crs, dem.vertical_datum)
-    if change.along_flow is not None:
-        _write_along_flow(place / "along_flow.tif", change.along_flow)
-    facts = change_facts(change, density_kg_m3, density_std_kg_m3)
-    text = io.StringIO()
-    table = csv.DictWriter(text, TABLE_COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows({**row, "name": csv_cell(row["name"])} for row in facts["volumes"])
-    write_text(place / "change.csv", text.getvalue())
-    write_json(place / "change.json", facts)
-
-
-def _write_along_flow(path: Path, found: AlongFlow) -> None:
-    bands = {"difference_along_flow": found.difference.elevation, "standard_deviation": found.std_m}
-    for name, values in (("displacement", found.shift_m), ("displacement_std", found.shift_std_m)):
-        bands |= {f"{name}_east": values[0], f"{name}_north": values[1]}
-    write_raster(
-        path, bands, found.difference.transform, found.difference.crs, found.difference.vertical_datum
     )

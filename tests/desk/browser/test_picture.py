@@ -26,11 +26,16 @@ def demo(browser, tmp_path) -> Iterator[DeskPage]:
         context = browser.new_context(viewport={"width": 1280, "height": 760})
         opened = DeskPage(context, server).open()
         opened.wait_for_error()
-        opened.page.evaluate("document.querySelector('#saved').textContent = 'Stored in /home/ada/survey'")
+        name_the_folder(opened)
         opened.page.wait_for_timeout(600)
         yield opened
         context.close()
         server.stop()
+
+
+def name_the_folder(opened: DeskPage) -> None:
+    """Show a folder that a user could have in place of the test's own one."""
+    opened.page.evaluate("document.querySelector('#saved').textContent = 'Stored in /home/ada/survey'")
 
 
 class Recorder:
@@ -163,3 +168,63 @@ def draw_the_curve(demo: DeskPage, film: Recorder) -> None:
     film.shoot(1.8)
     for tab in ("require", "runs", "measured", "files"):
         film.click(f"#tab-{tab}", 1.2)
+
+
+LARGEST_STATE_BYTES = 80_000
+
+
+def test_the_main_states_are_pictured(demo):
+    demo.page.check("#show-contours")
+    for name, arrange in STATES.items():
+        demo.tab(name)
+        arrange(demo)
+        demo.page.mouse.move(430.0, 700.0)  # off the controls, whose help would be shown
+        demo.page.wait_for_timeout(700)
+        name_the_folder(demo)
+        picture = Image.open(io.BytesIO(demo.page.screenshot())).convert("RGB")
+        buffer = io.BytesIO()
+        picture.resize((960, 570), Image.Resampling.LANCZOS).save(buffer, "WEBP", quality=60, method=6)
+        assert 10_000 < len(buffer.getvalue()) <= LARGEST_STATE_BYTES
+        save_picture(f"desk-{name}.webp", buffer.getvalue())
+    assert demo.faults == []
+
+
+def mark_points(demo: DeskPage) -> None:
+    """Propose checkpoints, which lie on the map from then on."""
+    demo.page.click("#page-shapes summary")
+    demo.page.click("#propose-checkpoints")
+    demo.wait_for(lambda: len(demo.document["checkpoints"]) > 0, "checkpoints")
+    demo.wait_for_error()
+
+
+def require_an_error(demo: DeskPage) -> None:
+    """Ask for the cheapest plan that keeps an RMSE."""
+    demo.fill("requirement-require", "2.5")
+    demo.page.click("#start-guarantee")
+    demo.page.wait_for_selector("#start-guarantee:not([disabled])")
+
+
+def compare_plans(demo: DeskPage) -> None:
+    """Draw the error against swaths."""
+    demo.page.click("#start-curve")
+    demo.page.wait_for_selector("#start-curve:not([disabled])")
+
+
+def drive_in_time(demo: DeskPage) -> None:
+    """Open the drive in time, half of it done."""
+    demo.page.click("#show-drive")
+    demo.page.locator("#time").evaluate(
+        "(slider) => { slider.value = 500; slider.dispatchEvent(new Event('input')); }"
+    )
+
+
+STATES = {
+    "settings": lambda _: None,
+    "shapes": mark_points,
+    "require": require_an_error,
+    "compare": compare_plans,
+    "runs": lambda _: None,
+    "watch": drive_in_time,
+    "measured": lambda demo: demo.page.click("#show-drive"),
+    "files": lambda demo: demo.page.check("#show-slope"),
+}

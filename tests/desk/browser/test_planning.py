@@ -234,6 +234,7 @@ def test_an_outline_that_is_opened_becomes_an_area(opened, tmp_path):
 
 def test_a_raster_that_is_opened_becomes_a_layer(opened, dem_file):
     opened.page.set_input_files("#open-file", dem_file)
+    opened.page.click("#raster-kind button[value=elevations]")
     opened.page.wait_for_selector("#layers >> text=hills.tif")
     assert "hills.tif" in opened.page.inner_text("#legend")
 

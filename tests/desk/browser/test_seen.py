@@ -4,6 +4,7 @@ import json
 import shutil
 
 import pytest
+import rasterio
 
 from benchmarks.desk_seen import LONG_NAMES, SIZES, faults, states
 from desk.plan.document import PlanDocument
@@ -11,6 +12,7 @@ from desk.workspace import Workspace, open_workspace
 from tests.desk.browser.conftest import DeskPage
 from tests.desk.browser.test_planning import set_field
 from tests.desk.conftest import SQUARE, DeskServer
+from tests.desk.terrain.test_background import halves, write_picture
 from tests.desk.test_sources import MISSION, edited_mission
 
 pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]
@@ -181,6 +183,7 @@ def test_names_in_files_are_shown_as_text_and_not_run(opened, tmp_path, dem_file
         "#open-file",
         {"name": f"{HOSTILE[:34]}.tif", "mimeType": "image/tiff", "buffer": dem_file.read_bytes()},
     )
+    page.click("#raster-kind button[value=elevations]")
     opened.tab("compare")
     page.fill("#variant-name", HOSTILE)
     page.click("#add-variant")
@@ -191,3 +194,54 @@ def test_names_in_files_are_shown_as_text_and_not_run(opened, tmp_path, dem_file
     page.wait_for_selector("#variants tbody tr", state="attached")
     assert page.evaluate("globalThis.wasRun") is None
     assert page.locator("img[src=x]").count() == 0
+
+
+def test_hostile_names_of_pictures_plans_runs_and_events_are_not_run(browser, dem_file, tmp_path):
+    name = HOSTILE[:34]  # a slash is no part of a file's name
+    document = PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 4}, notes=HOSTILE)
+    row = {"name": "run-0", "title": HOSTILE, "facts": {HOSTILE: HOSTILE}, "folder": "/", "has_report": True}
+    lines = [
+        {"kind": "watch", "text": HOSTILE, "do": HOSTILE},
+        {"kind": "refused", "error": HOSTILE},
+    ]
+    with Workspace(dem_file, tmp_path / f"{name}.desk.json", document) as workspace:
+        workspace.notice = HOSTILE
+        server, context = DeskServer(workspace), browser.new_context()
+        opened = DeskPage(context, server)
+        page = opened.page
+        page.route("**/api/runs", lambda route: route.fulfill(json={"runs": [row, row | {"error": HOSTILE}]}))
+        events = "".join(f"data: {json.dumps(line)}\n\n" for line in lines)
+        page.route("**/events", lambda route: route.fulfill(body=events, content_type="text/event-stream"))
+        opened.open()
+        picture = write_picture(tmp_path / "ortho.tif", halves())
+        with rasterio.open(picture, "r+") as target:
+            target.update_tags(TIFFTAG_IMAGEDESCRIPTION=HOSTILE, TIFFTAG_ARTIST=HOSTILE)
+        page.set_input_files(
+            "#open-file", {"name": f"{name}.tif", "mimeType": "image/tiff", "buffer": picture.read_bytes()}
+        )
+        page.wait_for_selector("#show-background", state="attached")
+        opened.tab("runs")
+        page.wait_for_selector(".run >> text=onerror")
+        opened.tab("watch")
+        page.click("#start-watch")
+        page.wait_for_selector("#watch-lines >> text=onerror")
+        assert "onerror" in page.inner_text("#notice")
+        assert "onerror" in page.inner_text("#name")
+        assert page.evaluate("globalThis.wasRun") is None
+        assert page.locator("img[src=x]").count() == 0
+        context.close()
+        server.stop()
+
+
+def test_scripts_in_a_report_do_not_run(opened, tmp_path):
+    (tmp_path / "index.html").write_text(f"<p>{HOSTILE}</p><svg onload='globalThis.wasRun=1'></svg>")
+    (tmp_path / "plan.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><script>globalThis.wasRun=1</script></svg>'
+    )
+    job = opened.server.workspace.jobs.start(lambda _: {})
+    job.files["report"] = tmp_path
+    for name in ("index.html", "plan.svg"):
+        shown = opened.page.context.new_page()
+        shown.goto(f"{opened.server.origin}/api/jobs/{job.name}/report/{name}")
+        shown.wait_for_timeout(300)
+        assert shown.evaluate("globalThis.wasRun") is None

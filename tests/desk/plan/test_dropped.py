@@ -32,7 +32,7 @@ def test_an_outline_comes_with_its_starts_in_the_crs_of_the_terrain(tmp_path, su
 
 
 def test_a_raster_becomes_an_image_with_its_place(dem_file):
-    found = dropped("error.tif", dem_file.read_bytes(), area().crs)
+    found = dropped("error.tif", dem_file.read_bytes(), area().crs, ["elevations"])
     assert found["kind"] == "raster"
     assert found["bounds"] == [WEST, SOUTH, WEST + 900.0, SOUTH + 900.0]
     assert found["limits"][0] < found["limits"][1]
@@ -85,7 +85,7 @@ def test_an_outline_beside_a_raster_in_another_crs_is_refused(dem_file):
     from pyproj import CRS
 
     with pytest.raises(FirnlineError, match="different systems"):
-        dropped("error.tif", dem_file.read_bytes(), CRS("EPSG:32609"))
+        dropped("error.tif", dem_file.read_bytes(), CRS("EPSG:32609"), ["elevations"])
 
 
 def test_a_file_of_many_outlines_is_answered_with_a_choice(tmp_path):

@@ -27,7 +27,7 @@ print(json.dumps([code, sorted(sys.modules)]))
 """
 FRAMES = {"pandas", "geopandas"}
 DRAWING = {"matplotlib", "PIL"}
-COMPILED = {"numba", "gtsam", "cv2", "mujoco", "pybullet", "skimage", "sklearn"}
+COMPILED = {"numba", "cv2", "mujoco", "pybullet", "skimage", "sklearn"}
 ENGINES = {"finufft", "scipy.optimize", "scipy.interpolate", "scipy.signal"}
 
 

@@ -32,14 +32,16 @@ def test_stages_are_timed_by_other_runs_of_the_mission(tmp_path: Path):
     assert earlier_seconds(mine) == {"plan": other.manifest["stages"]["plan"]["wall_s"]}
 
 
-def test_without_a_terminal_long_work_is_told_in_lines(monkeypatch, capsys):
-    monkeypatch.setattr("firnline.cli.progress._LINE_EACH_S", 0.0)
+def test_without_a_terminal_work_prints_a_line_at_once_and_then_each_ten_seconds(monkeypatch, capsys):
+    now_s = [100.0]
+    monkeypatch.setattr("firnline.cli.progress.time.perf_counter", lambda: now_s[0])
     with counted() as update:
-        update("predicting surveys", 3, 9)
+        for done, now_s[0] in ((0, 100.0), (1, 109.0), (2, 110.5), (3, 119.0)):
+            update("predicting surveys", done, 9)
     with counted(quiet=True) as update:
         update("predicting surveys", 4, 9)
-    assert capsys.readouterr().err == "predicting surveys: 3 of 9\n"
-    monkeypatch.setattr("firnline.cli.progress._LINE_EACH_S", 10.0)
-    with counted() as update:
-        update("predicting surveys", 3, 9)
-    assert not capsys.readouterr().err
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(",")[0] for line in lines] == [
+        "predicting surveys: 0 of 9",
+        "predicting surveys: 2 of 9",
+    ]

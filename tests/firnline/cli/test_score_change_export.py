@@ -13,7 +13,7 @@ from firnline.cli.main import app
 from survey import Dem, Grid, InputError
 from survey.io.point_files import read_point_table
 from survey.io.vector import write_features
-from survey.scoring.differencing import volume_change
+from survey.scoring.differencing import change_files
 
 UTM = "EPSG:32608"
 
@@ -60,6 +60,26 @@ def test_a_wanted_class_that_is_not_met_ends_with_its_exit_code_and_keeps_the_re
     wanted = ("--class", "0.04", "--datum", "EGM96 height", "--report", "accuracy")
     output_of("score", "map.tif", "--checkpoints", "all.csv", *wanted, code=5)
     assert any(Path("accuracy").iterdir())
+
+
+def test_a_report_states_project_client_instrument_and_dates(site: Path) -> None:
+    score = ("score", "map.tif", "--checkpoints", "all.csv", "--datum", "EGM96 height")
+    details = ("--detail", "check-date=2026-07-01", "--detail", "client=Glacier Office")
+    output_of(*score, *details, "--report", "accuracy.html")
+    page = Path("accuracy.html").read_text(encoding="utf-8")
+    assert page.index("Glacier Office") < page.index("2026-07-01")
+    assert "Date of the check survey" in page
+    assert "add --report" in output_of(*score, *details, code=3)
+    assert "project, client" in output_of(*score, "--detail", "colour=red", "--report", "x.html", code=4)
+
+
+def test_the_survey_without_a_datum_is_named(site: Path) -> None:
+    args = _surveys(site)
+    later = Dem.read("later.tif")
+    Dem(later.elevation, later.transform, later.crs).write("later.tif")
+    words = output_of(*args)
+    assert "the later survey does not state its vertical datum" in words
+    assert "the earlier survey does not" not in words
 
 
 def test_checkpoints_that_are_control_unknown_standards_and_other_datums_are_refused(site: Path) -> None:
@@ -183,8 +203,8 @@ def test_a_gnss_export_is_judged_by_its_usual_columns_or_by_a_mapping(site: Path
 def test_large_surveys_are_averaged_before_they_are_compared(
     site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(volume_change, "LARGEST_CELLS", 2_000)
-    monkeypatch.setattr(volume_change, "_AVERAGED_CELLS", 1_000)
+    monkeypatch.setattr(change_files, "LARGEST_CELLS", 2_000)
+    monkeypatch.setattr(change_files, "_AVERAGED_CELLS", 1_000)
     assert "averaged over squares of about 19" in output_of(*_surveys(site))
     assert Dem.read("out/change.tif").step_m == 20.0
 
@@ -254,8 +274,8 @@ def test_a_change_states_the_subtracted_level_and_outlines_that_are_mapped_in_pa
     raised = later.elevation + 2.0
     raised[:, 32:] = np.nan
     Dem(raised, later.transform, later.crs, later.vertical_datum).write("later.tif")
-    words = output_of(*args)
-    assert re.search(r"\+(1\.99|2\.00)\d m subtracted, the mean difference of the unchanged ground", words)
+    words = output_of(*args, "--no-align")
+    assert re.search(r"\+(1\.99|2\.00)\d m subtracted, the median difference of the unchanged ground", words)
     assert re.search(r"note: both surveys map \d\d% of", words)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from live.watch.log import line_of, replayed, watch_header, watch_of
 from live.watch.samples import Sample, SampleGate, file_entries
 from live.watch.survey_watch import LegProgress, RoverWarnings, SurveyWatch
 from planners.guarantee.adaptive import AdaptiveConfig
-from survey import Route, SurveyArea
+from planners.prediction.prior_cells import PriorCells
+from survey import Dem, Grid, Route, SurveyArea
 from survey.core.errors import InputError
 from survey.data.recording import Recording
 from survey.data.route import Leg
@@ -103,7 +105,28 @@ def test_a_log_replays_to_the_same_bytes(watched, tmp_path):
     assert watch_header(watch_of(json.loads(lines[0]))) == json.loads(lines[0])
 
 
-def test_the_command_watches_a_file_and_replays_its_log(tmp_path, monkeypatch):
+def test_a_prior_lowers_the_error_of_the_map_and_is_replayed(tmp_path):
+    grid = Grid((-30.0, -30.0, SIDE_M + 30.0, SIDE_M + 30.0), 20.0, CRS)
+    cells = height(grid.xy).reshape(grid.shape)
+    cells[0, 0] = np.nan
+    prior = Dem.on(grid, cells)
+    config = replace(LIMITS, cells=PriorCells.of(prior, AREA, 0.3))
+    planned = legs((10.0, 40.0))
+    errors_m = []
+    for settings in ((LIMITS, None), (config, prior)):
+        watch = SurveyWatch(AREA, settings[0], list(planned), 60.0, None, settings[1])
+        entries = [watch_header(watch)]
+        for sample in drive(planned):
+            entries += [{"in": "sample", "sample": list(sample)}, *watch.take(sample)]
+        mean, _ = watch.map()
+        errors_m.append(float(np.sqrt(np.mean(np.square(mean.ravel() - height(watch.grid.xy))))))
+        (tmp_path / "drive.jsonl").write_text("".join(map(line_of, entries)), encoding="utf-8")
+        assert list(replayed(tmp_path / "drive.jsonl")) == entries
+    assert errors_m[1] < 0.5 * errors_m[0]
+
+
+@pytest.mark.parametrize("has_prior", [False, True])
+def test_the_command_watches_a_file_and_replays_its_log(has_prior, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     planned = legs((10.0, 60.0, 110.0))
     Route(tuple(planned), CRS, "lawnmower").write("route.geojson")
@@ -112,7 +135,10 @@ def test_the_command_watches_a_file_and_replays_its_log(tmp_path, monkeypatch):
     (tmp_path / "points.csv").write_text(
         "time_s,easting_m,northing_m,elevation_m,sigma_z_m\n" + "".join(rows) + "9"
     )
+    nodes = Grid((-30.0, -30.0, SIDE_M + 30.0, SIDE_M + 30.0), 20.0, CRS)
+    Dem.on(nodes, height(nodes.xy).reshape(nodes.shape)).write("prior.tif")
     run = ["watch", "points.csv", "--area", "site.gpkg", "--route", "route.geojson", "--require", "0.8"]
+    run += ["--prior", "prior.tif"] if has_prior else []
     result = CliRunner().invoke(
         app,
         [

@@ -13,7 +13,9 @@ def test_a_tilt_of_the_prior_does_not_change_the_likelihood():
     prior = coarse(smooth_terrain())
     east, north = np.meshgrid(prior.x, prior.y)
     tilted = Dem(prior.elevation + 0.2 * east - 0.1 * north + 7.0, prior.transform, prior.crs)
-    level, steep = (PriorBlocks.of(AREA, dem).fit(Matern32(1.0, 100.0), 1e-3) for dem in (prior, tilted))
+    level, steep = (
+        PriorBlocks.of(AREA, dem).fits(Matern32(1.0, 100.0), [1e-3])[0] for dem in (prior, tilted)
+    )
     assert steep.variance_m2 == pytest.approx(level.variance_m2, rel=1e-6)
     assert steep.log_likelihood == pytest.approx(level.log_likelihood, rel=1e-6)
 
@@ -32,7 +34,7 @@ def test_the_likelihood_is_that_of_means_over_the_resolution(rng):
     centred = height - (ones @ inverse @ height) / (ones @ inverse @ ones)
     variance = centred @ inverse @ centred / 11
     log = -0.5 * (np.linalg.slogdet(matrix)[1] + np.log(ones @ inverse @ ones) + 11 * np.log(variance))
-    found = blocks.fit(kernel, 0.01)
+    found = blocks.fits(kernel, [0.01])[0]
     assert found.variance_m2 == pytest.approx(variance, rel=1e-6)
     assert found.log_likelihood == pytest.approx(log, rel=1e-6)
 

@@ -4,6 +4,7 @@ import shapely
 
 from planners.routes.shortest_paths import FreeGround
 from planners.swaths.heading import across_marked_grain, heading_by
+from planners.swaths.reference_lines import axes_of, stretch_lengths
 from survey import Dem, Grid, InputError
 
 CRS = "EPSG:32608"
@@ -54,3 +55,18 @@ def test_only_a_marked_grain_turns_the_swaths():
     ridges_along = dem(5.0 * np.sin(GRID.y / 15.0)[:, None])
     assert across_marked_grain(GROUND.polygon, ridges_along) == 90.0
     assert across_marked_grain(GROUND.polygon, dem(5.0 * np.sin(GRID.x / 15.0))) == 0.0
+
+
+def test_stretches_of_lines_are_those_that_cutting_gives():
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 30))
+        star = np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(100.0, 500.0, (30, 1))
+        ground = shapely.Polygon(star) - shapely.box(-30.0, -20.0, 30.0, 20.0)
+        heading_deg = float(rng.choice([0.0, 90.0, rng.uniform(0.0, 180.0)]))
+        along, left = axes_of(heading_deg)
+        offsets = rng.uniform(-400.0, 400.0, 5)
+        for offset, lengths in zip(offsets, stretch_lengths(ground, heading_deg, offsets), strict=True):
+            line = shapely.LineString(np.outer([-999.0, 999.0], along) + offset * left)
+            cut = np.sort(shapely.length(shapely.get_parts(ground & line)))
+            np.testing.assert_allclose(np.sort(lengths), cut[cut > 0.0], atol=1e-6)

@@ -29,17 +29,16 @@ def test_a_package_imports_nothing_heavy_before_a_name_is_used(package):
         "matplotlib",
         "rasterio",
         "pydantic",
-        "gtsam",
     }
 
 
 def test_a_terrain_model_imports_neither_estimators_nor_plots():
-    heavy = {"scipy", "matplotlib", "numba", "sklearn", "pydantic", "shapely", "pandas", "gtsam", "cv2"}
+    heavy = {"scipy", "matplotlib", "numba", "sklearn", "pydantic", "shapely", "pandas", "cv2"}
     assert not loaded_by("from firnline import Dem") & heavy
 
 
 def test_settings_of_planners_import_no_compiled_layouts():
-    heavy = {"numba", "matplotlib", "sklearn", "gtsam", "cv2"}
+    heavy = {"numba", "matplotlib", "sklearn", "cv2"}
     assert not loaded_by("from firnline import LawnmowerConfig, WavyConfig, Rover, Fleet") & (
         heavy | {"scipy"}
     )

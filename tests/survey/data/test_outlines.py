@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 from planners import LawnmowerConfig, plan
 from survey import InputError, SurveyArea
 from survey.io.vector import write_features
-from survey.scoring.differencing.volume_change import read_outlines
+from survey.scoring.differencing.change_files import read_outlines
 
 UTM = CRS("EPSG:32608")
 WEST, SOUTH = 500_000.0, 6_470_000.0

@@ -5,11 +5,13 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from io import BytesIO
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from survey import Dem
 from survey.core.errors import InputError
-from survey.reporting.page import _write, write_report
+from survey.reporting.page import _write, deviation_caption, write_report
 from survey.reporting.rendering import animation_of
 from survey.reporting.survey_results import SurveyResults
 
@@ -174,3 +176,14 @@ def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
     with pytest.raises(InputError, match="could not be made"):
         _write(blocked, "<p>page</p>", {})
     assert blocked.read_text() == "in the way"
+
+
+def test_deviations_are_called_small_along_the_swaths_only_where_they_are(site):
+    assert "swaths" not in deviation_caption(site.reconstruction, site.route)
+    xy = site.grid.xy
+    far = np.min([np.hypot(*(xy - place).T) for leg in site.route.legs for place in leg.xy], axis=0)
+    for rover in range(site.route.n_rovers):
+        driven = site.route.sample(5.0, rover).xy
+        far = np.minimum(far, np.min(np.hypot(*(xy[:, None] - driven[None]).T), axis=0))
+    std = Dem.on(site.grid, 0.05 + 0.01 * far.reshape(site.grid.shape))
+    assert "small along the swaths" in deviation_caption(replace(site.reconstruction, std=std), site.route)

@@ -24,7 +24,7 @@ def _ridge(camera: Camera, bearing_deg: float, distance_m: float, rng: np.random
     rays = (point - PLACE[seen]) @ camera.T_body_camera[:3, :3]
     rays[:, :2] += rays[:, 2:] * rng.normal(0.0, 0.3 / camera.matrix[0, 0], (len(seen), 2))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return Track(np.zeros(2), seen.tolist(), list(rays), point, is_far=True)
+    return Track(np.zeros(2), seen.tolist(), list(rays), is_far=True)
 
 
 def _drift(camera: Camera, tracks: list[Track]) -> FloatArray:

@@ -9,7 +9,7 @@ from vision_slam.odometry.resection import resect, resection_information
 
 SIGMA = 1e-3
 POINTS = np.random.default_rng(1).uniform([-4.0, -4.0, 3.0], [4.0, 4.0, 12.0], (60, 3))
-NEAR = np.zeros(60, dtype=bool)
+HOMOGENEOUS = np.column_stack([POINTS, np.ones(60)])
 
 
 def pose_of(turn: tuple[float, float, float], place: tuple[float, float, float]) -> FloatArray:
@@ -25,7 +25,7 @@ def rays_from(pose: FloatArray) -> FloatArray:
 
 
 def found(rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return resect(np.eye(4), POINTS, NEAR, rays, angle_sigma=SIGMA, turn_sigma=np.inf, shift_sigma=np.inf)
+    return resect(np.eye(4), HOMOGENEOUS, rays, angle_sigma=SIGMA, turn_sigma=np.inf, shift_sigma=np.inf)
 
 
 def test_exact_rays_give_the_pose_and_no_error() -> None:
@@ -44,9 +44,20 @@ def test_a_fifth_of_wrong_rays_leaves_the_pose() -> None:
     assert (error[::5] > 10.0 * SIGMA).sum() >= 10
 
 
+def test_the_scale_of_homogeneous_points_changes_nothing_and_directions_give_the_turn_alone() -> None:
+    true = pose_of((0.03, -0.02, 0.05), (0.2, -0.1, 0.15))
+    given = {"angle_sigma": SIGMA, "turn_sigma": np.inf, "shift_sigma": np.inf}
+    scaled = np.linspace(0.01, 3.0, 60)[:, None] * HOMOGENEOUS
+    np.testing.assert_allclose(resect(np.eye(4), scaled, rays_from(true), **given)[0], true, atol=1e-6)
+    directions = np.column_stack([POINTS, np.zeros(60)])
+    turned = (POINTS @ true[:3, :3]) / np.linalg.norm(POINTS, axis=1, keepdims=True)
+    pose, _ = resect(np.eye(4), directions, turned, **given | {"shift_sigma": 0.1})
+    np.testing.assert_allclose(pose, pose_of((0.03, -0.02, 0.05), (0.0, 0.0, 0.0)), atol=1e-6)
+
+
 def test_errors_of_the_pose_are_as_large_as_the_information_says() -> None:
     true, rng = pose_of((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), np.random.default_rng(2)
-    information = resection_information(true, POINTS, NEAR, SIGMA)
+    information = resection_information(true, HOMOGENEOUS, SIGMA)
     squares = []
     for _ in range(60):
         rays = rays_from(true) + 0.5 * SIGMA * rng.standard_normal((60, 3))

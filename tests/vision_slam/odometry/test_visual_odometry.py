@@ -91,7 +91,7 @@ def test_a_drive_that_begins_in_motion_does_not_turn_with_the_bias_of_its_gyro(
     found = visual_odometry(sequence, VisualOdometryConfig(lens="given"))
     turned = found.odometry.attitude_rad[:, 2] - found.odometry.attitude_rad[0, 2]
     # The gyro turns by 5.9 degrees.
-    assert np.degrees(np.abs(turned).max()) < 0.6
+    assert np.degrees(np.abs(turned).max()) < 0.8
 
 
 def _turns(found: object) -> FloatArray:

@@ -18,7 +18,7 @@ from survey.core.errors import InputError
 from survey.data.camera import Camera
 from vision_slam.readers.bags import is_bag, read_bag
 from vision_slam.readers.sequence import georeference
-from vision_slam.recordings import read_sequence
+from vision_slam.recordings import open_recording, read_sequence
 
 NOISE = np.random.default_rng(3).integers(0, 255, (4, 12, 16), dtype=np.uint8)
 
@@ -112,15 +112,15 @@ class Bag:
         )
         self.add("/gps/fix", second, message)
 
-    def inertial(self, second: float, frame: str) -> None:
+    def inertial(self, second: float, frame: str, turn: float = 1.0, up: float = -9.81) -> None:
         message = self.make(
             "sensor_msgs/msg/Imu",
             header=self.header(second, frame),
             orientation=self.turn(0.0, 0.0, 0.0, 1.0),
             orientation_covariance=np.zeros(9),
-            angular_velocity=self.vector(0.1, 0.2, 0.3),
+            angular_velocity=self.vector(0.1 * turn, 0.2 * turn, 0.3 * turn),
             angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=self.vector(0.0, 0.0, -9.81),
+            linear_acceleration=self.vector(0.0, 0.0, up),
             linear_acceleration_covariance=np.zeros(9),
         )
         self.add("/imu", second, message)
@@ -374,8 +374,8 @@ def test_ambiguous_topics_and_wrong_sizes_in_a_bag_are_refused(tmp_path: Path, c
     with pytest.raises(InputError, match="16 × 12 pixels, their calibration 18 × 12"):
         read_bag(tmp_path / "two", ["/right/image_raw"])
     with second_bag(tmp_path / "blind") as bag:
-        bag.fix(1.0, 58.4, -1)
-    with pytest.raises(InputError, match="holds no images"):
+        bag.calibration("/camera_info")
+    with pytest.raises(InputError, match=r"neither images .* nor wheels .* nor fixes .*name another bag"):
         read_bag(tmp_path / "blind")
     with second_bag(tmp_path / "bare") as bag:
         bag.image("/image", 1.0, NOISE[0], "mono8")
@@ -384,6 +384,26 @@ def test_ambiguous_topics_and_wrong_sizes_in_a_bag_are_refused(tmp_path: Path, c
         read_bag(tmp_path / "bare")
     with pytest.raises(InputError, match="1 NavSatFix messages and no fix"):
         read_bag(tmp_path / "bare", camera=camera.scaled(0.05))
+
+
+@pytest.mark.parametrize(
+    "kinds", [("odometry", "inertial", "fix"), ("odometry", "fix"), ("odometry", "inertial"), ("fix",)]
+)
+def test_a_bag_without_images_is_localized_by_what_it_has(tmp_path: Path, kinds: tuple[str, ...]) -> None:
+    with second_bag(tmp_path / "rover") as bag:
+        for k in range(400):
+            if "odometry" in kinds:
+                bag.odometry(1.0 + 0.1 * k, 0.1 * k)
+            if "inertial" in kinds:
+                bag.inertial(1.0 + 0.1 * k, "base_link", turn=0.0, up=9.81)
+            if "fix" in kinds and k % 10 == 0:
+                bag.fix(1.0 + 0.1 * k, 58.4 + 0.1 * k / 111_400.0, 0)
+    estimate = open_recording(tmp_path / "rover").localize()
+    travel_m = float(np.linalg.norm(estimate.position[-1] - estimate.position[0]))
+    assert travel_m == pytest.approx(39.9, abs=1.0)
+    assert (estimate.trajectory is not None) == ("fix" in kinds)
+    assert estimate.covariance is not None
+    assert np.linalg.eigvalsh(estimate.covariance[-1])[-1] > 0.0
 
 
 @pytest.mark.parametrize("kind", ["ros1", "ros2", "mcap"])

@@ -1,5 +1,6 @@
-// Files dropped onto the page: outlines become shapes of the plan, rasters become layers, points become the measured points.
+// Files dropped onto the page: outlines become shapes of the plan, elevations become layers, pictures the background, points the measured points.
 import { post } from "../server/api.js";
+import { showBackground } from "./background.js";
 import { showPicture } from "./overlays.js";
 import { byId, element } from "../dom.js";
 
@@ -23,6 +24,15 @@ export function acceptFiles(map, plan, layers, takePoints, refuse, zoomTo) {
           const chosen = await chosenOutlines(file.name, found.choices);
           if (!chosen.length) continue;
           found = await post(place + chosen.map((select) => `&select=${encodeURIComponent(select)}`).join(""), file);
+        }
+        if (found.kind === "either") {
+          const kind = await chosenKind(file.name);
+          if (!kind) continue;
+          found = kind === "elevations" ? await post(`${place}&select=elevations`, file) : { kind };
+        }
+        if (found.kind === "picture") {
+          showBackground(map, layers, await post(`/api/background?name=${encodeURIComponent(file.name)}`, file));
+          continue;
         }
         if (found.kind === "outline") await takeOutline(plan, found.document, file.name);
         else if (found.kind === "points") await takePoints(file);
@@ -71,12 +81,24 @@ function chosenOutlines(name, choices) {
   const take = element("button", { type: "submit", value: "take" }, "Add");
   const leave = element("button", { type: "submit", value: "" }, "Cancel");
   const form = element("form", { method: "dialog" }, element("p", {}, `${name} holds ${choices.length - 1} outlines. Which are to be surveyed? Ctrl and click chooses several.`), list, take, leave);
-  const dialog = /** @type {any} */ (element("dialog", { id: "outlines" }, form));
+  return answerOf(form, "outlines").then((answer) => (answer === "take" ? [.../** @type {any} */ (list).selectedOptions].map((option) => option.value) : []));
+}
+
+/** @param {string} name Ask what a raster of one band holds. */
+function chosenKind(name) {
+  const buttons = [["elevations", "Elevations"], ["picture", "A picture"]].map(([value, text]) => element("button", { type: "submit", value }, text));
+  const form = element("form", { method: "dialog" }, element("p", {}, `${name} has one band. Does it hold elevations in metres, or a picture of the ground?`), element("div", { class: "row" }, ...buttons));
+  return answerOf(form, "raster-kind");
+}
+
+/** @param {HTMLElement} form @param {string} id @returns {Promise<string>} Value of the button that was pressed; empty without one. */
+function answerOf(form, id) {
+  const dialog = /** @type {any} */ (element("dialog", { id }, form));
   document.body.append(dialog);
   dialog.showModal();
   return new Promise((resolve) => {
     dialog.addEventListener("close", () => {
-      resolve(dialog.returnValue === "take" ? [.../** @type {any} */ (list).selectedOptions].map((option) => option.value) : []);
+      resolve(dialog.returnValue);
       dialog.remove();
     });
   });

@@ -17,6 +17,7 @@ export class Terrain {
     this.relief = this.#tiles("relief", true);
     this.slope = this.#tiles("slope", false);
     this.slope.setOpacity(0.6);
+    this.slope.setZIndex(2);
     this.lines = new ol.source.Vector();
     this.contours = new ol.layer.Vector({ source: this.lines, style: lineStyle, zIndex: 4, visible: false, declutter: true });
     /** @type {number|undefined} */

@@ -9,7 +9,7 @@ and slopes. `nearest_variance_bound` is an upper bound on the posterior variance
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from survey.core import Bounds, CapacityError, FloatArray, InputError, checked
+from survey.core import Bounds, CapacityError, FloatArray, InputError, IntArray, checked
 from survey.reconstruction.gp.engines.fourier_basis import (
     MAX_ITERATIONS,
     TOLERABLE,
@@ -279,9 +279,20 @@ def nearest_variance_bound(kernel: Kernel, data: NoisyValues, xy: FloatArray) ->
     >>> nearest_variance_bound(SquaredExponential(4.0, 10.0), one, np.zeros((1, 2)))
     array([2.])
     """
-    tree = cKDTree(data.xy)
-    blocks = [_of_block(kernel, data, tree, xy[k : k + _BLOCK]) for k in range(0, len(xy), _BLOCK)]
-    return np.concatenate(blocks) if blocks else np.zeros(0)
+    tree, bound = cKDTree(data.xy), np.empty(len(xy))
+    for block in _blocks(xy):
+        bound[block] = _of_block(kernel, data, tree, xy[block])
+    return bound
+
+
+def _blocks(xy: FloatArray) -> Iterator[IntArray]:
+    """Yield the places (M, 2) by number in blocks of neighbours, which have most of their nearest points in common."""
+    n_blocks = -(-len(xy) // _BLOCK)
+    if n_blocks:
+        extent_m = np.maximum(np.ptp(xy, axis=0), 1e-9)
+        side_m = np.maximum(np.sqrt(extent_m.prod() / n_blocks), extent_m / n_blocks)
+        column, row = ((xy - xy.min(axis=0)) // side_m).astype(np.int64).T
+        yield from np.split(np.lexsort((row, column)), np.arange(1, n_blocks) * _BLOCK)
 
 
 def _of_block(kernel: Kernel, data: NoisyValues, tree: cKDTree, xy: FloatArray) -> FloatArray:
@@ -289,7 +300,15 @@ def _of_block(kernel: Kernel, data: NoisyValues, tree: cKDTree, xy: FloatArray) 
     index = np.asarray(tree.query(xy, k=n)[1]).reshape(len(xy), n)
     near = data.xy[index]
     row, column = np.tril_indices(n, -1)
-    between = kernel.covariance_of_lag(near[:, row] - near[:, column])
+    used, place = np.unique(index, return_inverse=True)
+    if len(used) ** 2 < len(row) * len(xy):
+        among, place = (
+            kernel.covariance_of_lag(data.xy[used, None] - data.xy[used]),
+            place.reshape(index.shape),
+        )
+        between = among[place[:, row], place[:, column]]
+    else:
+        between = kernel.covariance_of_lag(near[:, row] - near[:, column])
     here = kernel.covariance_of_lag(near - xy[:, None, :])
     explained = _explained(between, kernel.variance_m2 + data.noise_m2[index], here)
     variance: FloatArray = np.maximum(kernel.variance_m2 - explained, 0.0)

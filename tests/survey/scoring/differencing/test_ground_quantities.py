@@ -16,7 +16,7 @@ from benchmarks.map_scale import (
 from survey import Dem, Grid
 from survey.core.map_scale import scale_factors
 from survey.scoring import change
-from survey.scoring.differencing.volume_change import change_facts
+from survey.scoring.differencing.change_files import change_facts
 
 NORTH, FAR_NORTH, SOUTH = (-123.3, 61.0), (-45.0, 76.0), (-62.0, -64.5)
 SCENES = [

@@ -8,9 +8,9 @@ import shapely
 
 from survey import Dem, Grid, Reconstruction
 from survey.io.raster import write_raster
-from survey.scoring.differencing import volume_change
+from survey.scoring.differencing import change_files
+from survey.scoring.differencing.change_files import average_survey, averaged_step_m
 from survey.scoring.differencing.difference import change
-from survey.scoring.differencing.volume_change import average_survey, averaged_step_m
 
 GRID = Grid((500_001.0, 6_500_001.0, 500_399.0, 6_500_399.0), 2.0, "EPSG:32608")
 ICE = shapely.Point(500_200.0, 6_500_200.0).buffer(90.0)
@@ -36,8 +36,8 @@ def test_small_surveys_are_compared_cell_by_cell(surveys: list[Path]) -> None:
 def test_the_volume_between_averaged_surveys_is_that_between_their_cells(
     surveys: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(volume_change, "LARGEST_CELLS", 10_000)
-    monkeypatch.setattr(volume_change, "_AVERAGED_CELLS", 5_000)
+    monkeypatch.setattr(change_files, "LARGEST_CELLS", 10_000)
+    monkeypatch.setattr(change_files, "_AVERAGED_CELLS", 5_000)
     step_m = averaged_step_m(surveys)
     assert step_m is not None
     later, earlier = (average_survey(file, step_m) for file in surveys)

@@ -8,7 +8,7 @@ from pyproj import CRS
 
 from survey.core.errors import InputError
 from survey.io.vector import write_features
-from survey.scoring.differencing.volume_change import read_outlines
+from survey.scoring.differencing.change_files import read_outlines
 
 UTM = CRS.from_epsg(32608)
 ICE, ROCK = shapely.box(500_000.0, 6_700_000.0, 500_050.0, 6_700_050.0), shapely.Point(500_000.0, 6_700_000.0)

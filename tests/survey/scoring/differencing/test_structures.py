@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from survey.scoring.differencing.variogram import SHAPES, Structure, Variogram, error_of_sum, fit_variogram
+from survey.scoring.differencing.variogram import SHAPES, Structure, SumErrors, Variogram, fit_variogram
 
 LAGS = np.geomspace(5.0, 500.0, 30)
 
@@ -42,6 +42,6 @@ def test_the_error_of_a_mean_of_smooth_errors_is_right_within_a_quarter(pixels):
     claimed, found = [], []
     for _ in range(24):
         error = gaussian_filter(rng.standard_normal((n, n)), pixels, mode="wrap")
-        claimed.append(error_of_sum(weights, Variogram.of(error, ~inside, 5.0), ~inside, 5.0).std)
+        claimed.append(SumErrors(Variogram.of(error, ~inside, 5.0), ~inside, 5.0).of(weights).std)
         found.append([float((weights * np.roll(error, shift, (0, 1))).sum()) for shift in ((0, 0), (80, 80))])
     assert np.median(claimed) / np.sqrt(np.mean(np.square(found))) == pytest.approx(1.0, abs=0.25)

@@ -70,3 +70,17 @@ def test_a_point_given_twice_almost_without_noise_tells_nothing_more():
     places = np.array([[5.0, 1.0], [0.0, 3.0]])
     bounds = [nearest_variance_bound(kernel, data, places) for data in (twice, once)]
     np.testing.assert_allclose(*bounds, rtol=1e-9)
+
+
+def test_the_bound_at_a_place_does_not_depend_on_the_places_beside_it():
+    rng = np.random.default_rng(5)
+    xy = rng.uniform(0.0, 100.0, (40, 2))
+    data = NoisyValues.of(xy, np.zeros(40), np.full(40, 0.1))
+    kernel = Matern52(4.0, 30.0, anisotropy=1.5, angle_deg=20.0)
+    places = rng.uniform(0.0, 100.0, (2500, 2))
+    together = nearest_variance_bound(kernel, data, places)
+    alone = np.concatenate(
+        [nearest_variance_bound(kernel, data, places[k : k + 1]) for k in range(0, 2500, 50)]
+    )
+    np.testing.assert_array_equal(together[::50], alone)
+    assert nearest_variance_bound(kernel, data, places[:0]).shape == (0,)
