@@ -369,8 +369,12 @@ def draw_contributions(
             image = axes.imshow(np.maximum(total, 1e-6), extent=EXTENT, cmap=DENSITY, norm=norm)
             axes.set_title(f"{name}: {title}")
         row[0].set_ylabel("north [m]")
-    figure.colorbar(image, ax=all_axes[:, :2], label="sum of |α| in 0.5 m cells [m]", shrink=0.7, extend="both")
-    hits = all_axes[0, 2].imshow(np.maximum(counts, 1e-6), extent=EXTENT, cmap=DENSITY, norm=LogNorm(0.8, 100.0))
+    figure.colorbar(
+        image, ax=all_axes[:, :2], label="sum of |α| in 0.5 m cells [m]", shrink=0.7, extend="both"
+    )
+    hits = all_axes[0, 2].imshow(
+        np.maximum(counts, 1e-6), extent=EXTENT, cmap=DENSITY, norm=LogNorm(0.8, 100.0)
+    )
     all_axes[0, 2].set_title("hits")
     figure.colorbar(hits, ax=all_axes[0, 2], label="points in 0.5 m cells", shrink=0.8)
     all_axes[1, 2].axis("off")

@@ -77,7 +77,9 @@ def edge(face_deg: float) -> CarvingWorld:
     side, step_m = HALF_M + 3.0, 0.1
     x = np.arange(-side, side + step_m / 2, step_m)
     z = np.clip(np.tan(np.radians(face_deg)) * (EDGE_M - x), -DROP_M, 0.0)
-    return CarvingWorld(f"face of {face_deg:g}°", RasterHeights(np.tile(z, (len(x), 1)), step_m, -side, -side))
+    return CarvingWorld(
+        f"face of {face_deg:g}°", RasterHeights(np.tile(z, (len(x), 1)), step_m, -side, -side)
+    )
 
 
 def across(world: CarvingWorld, points: SurfacePoints) -> Seen:
@@ -124,7 +126,9 @@ def _draw(rows: list[tuple[float, ...]], points: SurfacePoints, seen: Seen) -> F
         curves.axhline(face_deg, color=colour, linewidth=0.6, linestyle=":")
     distance_m = np.linspace(5.0, 8.0, 31)
     sight = np.degrees(np.arctan2(SENSOR_HEIGHT_M, distance_m))
-    curves.plot(distance_m, sight, color=INK, linewidth=0.8, linestyle="--", label="line of sight over the edge")
+    curves.plot(
+        distance_m, sight, color=INK, linewidth=0.8, linestyle="--", label="line of sight over the edge"
+    )
     curves.set(xlabel="distance of the scanner from the edge [m]", ylabel="slope of the chord [°]")
     curves.legend(ncols=2)
     return figure
@@ -137,8 +141,12 @@ def _draw_section(axes: Axes, points: SurfacePoints, seen: Seen) -> None:
     axes.plot(SECTION_X_M, seen.estimate, color=ESTIMATE, label="estimate")
     axes.plot(points.xyz[near, 0], points.z[near], ".", color=INK, markersize=2.5, label="points")
     (x, z), (x_low, z_low) = seen.chord
-    axes.plot([x, x_low], [z, z_low], "o--", color=ROVERS[3], markersize=4, label=f"chord AB, {seen.chord_deg:.0f}°")
+    axes.plot(
+        [x, x_low], [z, z_low], "o--", color=ROVERS[3], markersize=4, label=f"chord AB, {seen.chord_deg:.0f}°"
+    )
     axes.annotate("A", (x, z), (0, 6), textcoords="offset points", ha="center")
     axes.annotate("B", (x_low, z_low), (0, 6), textcoords="offset points", ha="center")
-    axes.set(xlabel="east [m]", ylabel="height [m]", ylim=(-3.2, 1.5), title="Scanner 6 m before a face of 45°")
+    axes.set(
+        xlabel="east [m]", ylabel="height [m]", ylim=(-3.2, 1.5), title="Scanner 6 m before a face of 45°"
+    )
     axes.legend(ncols=3, loc="upper right")
