@@ -54,7 +54,8 @@ class Seen(NamedTuple):
 def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Bound the slope of a face that no point lies on, by the chord of the upper surface (Fig. 4)."""
     faces, distances = ((SHOWN[0],), (SHOWN[1],)) if quick else (FACES_DEG, DISTANCES_M)
-    rows, shown = [], []
+    rows: list[tuple[float, ...]] = []
+    shown: tuple[SurfacePoints, Seen] | None = None
     for k, face_deg in enumerate(faces):
         world = edge(face_deg)
         for n, distance_m in enumerate(distances, start=1):
@@ -63,8 +64,9 @@ def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
             sight_deg = float(np.degrees(np.arctan2(SENSOR_HEIGHT_M, distance_m)))
             rows.append((face_deg, distance_m, sight_deg, seen.chord_deg, n_on_face(points, face_deg)))
             if (face_deg, distance_m) == SHOWN:
-                shown = [points, seen]
+                shown = points, seen
             progress("scans", k * len(distances) + n, len(faces) * len(distances))
+    assert shown is not None
     write_csv(folder / "chords.csv", _HEADING, rows)
     write_figure(folder / "chords.png", _draw(rows, *shown))
 
