@@ -4,6 +4,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from papers.carving.figures import SENSOR_M, SLOPE_DEG, downhill_drive, seen_of_the_sine, sine
 from papers.carving.world import NOISE_M, TERRAINS, ScanTrial
@@ -55,3 +56,12 @@ def test_the_kernels_figure_is_written(tmp_path: Path) -> None:
     middle = next(row for row in rows if abs(float(row["distance_m"])) < 1e-9)
     assert float(middle["length_2_m"]) == 1.0
     assert (tmp_path / "kernel.png").stat().st_size > 0
+
+
+@pytest.mark.long
+def test_a_face_without_points_is_bounded_by_the_line_of_sight_over_its_edge(tmp_path: Path) -> None:
+    study("carving-fig4")(tmp_path, quick=True, progress=lambda *_: None)
+    (row,) = csv.DictReader((tmp_path / "chords.csv").read_text().splitlines())
+    assert (float(row["face_deg"]), float(row["points_on_the_face"])) == (45.0, 0.0)
+    # The upper surface undershoots lines of sight by some centimetres.
+    assert abs(float(row["chord_deg"]) - float(row["sight_over_the_edge_deg"])) < 5.0
