@@ -58,7 +58,7 @@ def test_a_class_is_guaranteed_with_its_assumptions(guaranteed):
 def test_what_cannot_be_guaranteed_is_refused_in_one_sentence_and_nothing_is_written(site):
     folder, _ = site
     out = folder / "refused.geojson"
-    result = firnline(folder, "--require", "0.02", "--noise", "1.0", "-o", str(out), code=5)
+    result = firnline(folder, "--require", "0.02", "--noise", "1.0", "-q", "-o", str(out), code=5)
     (sentence,) = result.stderr.strip().splitlines()
     assert "cannot be guaranteed" in sentence
     assert "they reach" in sentence
