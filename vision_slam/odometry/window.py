@@ -23,9 +23,6 @@ from vision_slam.odometry.window_adjustment import (
 )
 
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
-# Width of the loss of pixels in standard deviations. A lens that nothing states displaces corners at the border by many pixels; left
-# out, they would not show the turn that the lens is estimated from.
-_OUTLYING, _OUTLYING_LENS_ASSUMED = 5.0, 20.0
 _SIGNIFICANT = 2.0  # standard deviations
 _FAR_M = 200.0  # a corner so far away moves by less than 0.6° within a window
 
@@ -55,7 +52,6 @@ class Window:
         self._config = config
         self._body_camera = camera.T_body_camera
         self._mount = Mount(*(np.ascontiguousarray(camera.T_body_camera[:3, part]) for part in (slice(3), 3)))
-        self._outlying = _OUTLYING_LENS_ASSUMED if camera.distortion_is_assumed else _OUTLYING
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
 
     def begin(self, pose: FloatArray) -> None:
@@ -129,7 +125,7 @@ class Window:
         counts = len(numbers) - first[seen]
         start = np.r_[0, np.cumsum(counts)]
         frame = np.arange(start[-1]) - np.repeat(start[1:], counts) + len(numbers)
-        return Sights(start, frame, ray[:, :2] / ray[:, 2:], weight, self._outlying), seen
+        return Sights(start, frame, ray[:, :2] / ray[:, 2:], weight), seen
 
     def _corners(self, tracks: list[Track]) -> Corners:
         """Return the corners from the place of the newest camera."""

@@ -19,6 +19,7 @@ from numba import njit
 
 from survey.core import FloatArray, IntArray
 
+_OUTLYING = 5.0  # standard deviations of a pixel, of Geman and McClure's loss
 # Wheels that disagree by more standard deviations are down-weighted: they slip. The first iterations give them more, so that
 # one step that slipped does not settle the scale for good.
 _SLIP_SIGMAS, _FIRST_SLIP_SIGMAS, _NARROWER = 3.0, 48.0, 0.25
@@ -49,15 +50,13 @@ class Sights(NamedTuple):
     """Observations (N,), those of one corner together, oldest first.
 
     ``start`` (J + 1,): where those of each corner begin; ``frame``: pose of the window; ``plane`` (N, 2): where the ray
-    meets z = 1; ``weight``: one over the standard deviation on that plane; ``outlying``: width of Geman and McClure's loss in
-    standard deviations.
+    meets z = 1; ``weight``: one over the standard deviation on that plane.
     """
 
     start: IntArray
     frame: IntArray
     plane: FloatArray
     weight: FloatArray
-    outlying: float
 
 
 class Corners(NamedTuple):
@@ -224,9 +223,9 @@ def _cost(
             if z > _LEAST_AHEAD:
                 off_x, off_y = x / z - sights.plane[i, 0], y / z - sights.plane[i, 1]
                 square = (off_x * off_x + off_y * off_y) * sights.weight[i] ** 2
-                cost += square / (1.0 + square / sights.outlying**2)
+                cost += square / (1.0 + square / _OUTLYING**2)
             else:
-                cost += sights.outlying**2
+                cost += _OUTLYING**2
     for n in range(len(links.sigma)):
         error = _link_errors(poses, links, n)
         cost += error[0] ** 2 + error[1] ** 2 + error[2] ** 2
@@ -370,7 +369,7 @@ def _derivatives(
             by_corner[a, 0] += row[b] * basis[0, b]
             by_corner[a, 1] += row[b] * basis[1, b]
             by_corner[a, 2] += row[b] * (origin[b] - place[b])
-    weight: float = 1.0 / (1.0 + (error[0] ** 2 + error[1] ** 2) / sights.outlying**2) ** 2
+    weight: float = 1.0 / (1.0 + (error[0] ** 2 + error[1] ** 2) / _OUTLYING**2) ** 2
     return weight
 
 
