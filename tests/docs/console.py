@@ -1,6 +1,7 @@
 """Console transcripts: their commands with the output that is shown, and a shell that runs them in this process."""
 
 import logging
+import re
 import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,6 +10,9 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from firnline.cli.main import app
+
+# How far a command is; pages leave it out, since it depends on the time that the command takes.
+_PROGRESS = re.compile(r"^[^:\n]+: \d+ of \d+(, about .* left)?\n", re.MULTILINE)
 
 
 @dataclass
@@ -70,9 +74,9 @@ class Shell:
         if done.exception and not isinstance(done.exception, SystemExit):
             raise done.exception
         if target is None:
-            return done.output
+            return _PROGRESS.sub("", done.output)
         Path(target).write_text(done.stdout, encoding="utf-8")
-        return done.stderr
+        return _PROGRESS.sub("", done.stderr)
 
     def _cat(self, words: list[str]) -> str:
         return "".join(Path(word).read_text(encoding="utf-8") for word in words)

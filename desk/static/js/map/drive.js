@@ -62,6 +62,7 @@ export class Drive {
 
   /** @param {number} share @returns {number} Seconds. */
   #timeOf(share) {
+    if (!this.parts.length) return 0;
     const { rover, first, last } = this.#part, times = this.rovers[rover].time_s;
     const [begin, end] = first === 0 ? [0, Math.max(...this.rovers.map((one) => one.time_s.at(-1) ?? 0))] : [times[first], times[last]];
     return begin + share * (end - begin);
@@ -110,6 +111,7 @@ export class Drive {
 
   /** @param {number} timeS Show where the rovers are. */
   #at(timeS) {
+    if (!this.parts.length) return;
     this.timeS = timeS;
     const [begin, end] = [this.#timeOf(0), this.#timeOf(1)];
     this.slider.value = String(Math.round(((timeS - begin) / (end - begin || 1)) * STEPS));
