@@ -54,6 +54,7 @@ gp = { fit = false, variance_m2 = 4.0, length_scale_m = 60.0 }
 # ---- what differs by the clock, named one by one
 CLOCK = {
     "manifest.json": r'"(wall_s|finished|started|created|manifest_sha256)": [^\n]*',
+    "made.json": r'"(cpu_s|wall_s|date|record_sha256)": [^\n]*',
     "log.jsonl": r'"(time|line_sha256)": "[^"]*"',
     "index.html": r"[0-9.]+ s\b",
     "timing.json": r".*",
