@@ -191,7 +191,9 @@ class VisualSlam:
         down = -rays @ self._pose[:3, 2]
         mounted = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
         height = mounted if self._ground_height is None else self._ground_height
-        is_ahead = (down >= 0.02) & (height > 0.0)  # the height is 0 where the mount of the camera is not known
+        is_ahead = (down >= 0.02) & (
+            height > 0.0
+        )  # the height is 0 where the mount of the camera is not known
         nearness = np.divide(down, height, out=np.zeros_like(down), where=is_ahead)
         points = np.column_stack([rays + nearness[:, None] * camera[:3, 3], nearness])
         known = [index for index, track in enumerate(self._tracks) if track.is_near or track.is_far]
