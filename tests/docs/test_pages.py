@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 
 import matplotlib as mpl
-import pytest
 from matplotlib import pyplot as plt
 
 from tests.docs.scratch import make_scratch
@@ -20,7 +19,6 @@ def blocks(page, language=None):
     return [text for name, text in found if language in (None, name)]
 
 
-@pytest.mark.timeout(900)  # minutes on a loaded machine, and a test that is out of time ends its worker
 def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
     make_scratch(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -46,6 +46,11 @@ class AveragedProcess(Process):
         return any(part.divides_site for part in self.parts)
 
     @property
+    def solves_each_node(self) -> bool:  # type: ignore[override]  # of the parts, not of the class
+        """Whether every node of a map costs a solve with all points or cells."""
+        return any(part.solves_each_node for part in self.parts)
+
+    @property
     def nugget_m(self) -> float:
         """Root of the mean variance of the nuggets [m]."""
         return float(np.sqrt(self.weights @ self.nuggets_m2 / self.weights.sum()))

@@ -86,7 +86,7 @@ class EngineChoice(NamedTuple):
     """Engine for a task, and why.
 
     `reason`: why it was chosen. `needed_mb`: memory of its largest matrix [MB]. `resolution`: waves of one solve.
-    `tiles`: division of the site.
+    `tiles`: division of the site. `is_stated`: whether it was stated, and nothing may be interpolated.
     """
 
     engine: Engine
@@ -94,6 +94,7 @@ class EngineChoice(NamedTuple):
     needed_mb: float
     resolution: Resolution | None = None
     tiles: TileGrid | None = None
+    is_stated: bool = False
 
     def record(self) -> dict[str, Any]:
         """Return the reason and the memory, for the record."""
@@ -121,7 +122,8 @@ def choose_engine(task: EngineTask, *, is_dense: bool = False) -> EngineChoice:
     n = len(task.xy)
     if is_dense or is_little_work(n, task.n_nodes):
         few = f"there are no more than {_N_DENSE} points" if n <= _N_DENSE else f"{n} points have few nodes"
-        return EngineChoice("dense", "the dense engine was stated" if is_dense else few, dense_mb(n))
+        reason = "the dense engine was stated" if is_dense else few
+        return EngineChoice("dense", reason, dense_mb(n), is_stated=is_dense)
     resolution = resolve_for_points(task.kernel, task.site, task.xy, task.noise_m2, **task.limits)
     if resolution is None:
         return choose_divided(task, f"the waves of the site do not fit {task.memory_mb:g} MB")

@@ -14,7 +14,7 @@ estimated from the innovations S - m(H). A mean over a cell is that of four Gaus
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -79,6 +79,7 @@ class ProcessWithCells(Process):
     base: Process
     cells: SatelliteCells
     conflicts: tuple[str, ...] = ()
+    solves_each_node: ClassVar = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kernel", self.base.kernel)

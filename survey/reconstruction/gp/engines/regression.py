@@ -131,6 +131,8 @@ class Process(ABC):
     data: NoisyValues
     divides_site: ClassVar[bool] = False
     """Whether parts of the site are conditioned one by one, which takes time for every pass."""
+    solves_each_node: ClassVar[bool] = False
+    """Whether every node of a map costs a solve with all points or cells."""
 
     @property
     @abstractmethod
@@ -241,6 +243,7 @@ class DenseGaussianProcess(Process):
     data: NoisyValues
     factor: FloatArray
     memory_mb: float = MEMORY_MB
+    solves_each_node: ClassVar = True
 
     @classmethod
     def fit(

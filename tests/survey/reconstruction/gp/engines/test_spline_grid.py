@@ -1,0 +1,74 @@
+"""Prediction on a fine grid by splines: within the tolerance at every node, and exact where the terrain is too rough."""
+
+import numpy as np
+import pytest
+
+from survey import Grid
+from survey.data import SurfacePoints
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
+from survey.reconstruction.gp.engines.spline_grid import first_stride, predict_on_fine_axes
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.kernels import Exponential, Matern32, SquaredExponential
+
+X, Y = np.arange(0.0, 181.0), np.arange(160.0, -1.0, -1.0)
+
+
+def conditioned(kernel, sigma_m=0.1):
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(0.0, 160.0, (40, 2))
+    return DenseGaussianProcess.fit(xy, np.sin(xy[:, 0] / 30.0), np.full(40, sigma_m), kernel)
+
+
+class Counting:
+    """A process that counts the nodes that it solves on axes."""
+
+    def __init__(self, process):
+        self.process, self.data, self.n_nodes = process, process.data, 0
+
+    def predict(self, xy):
+        return self.process.predict(xy)
+
+    def predict_on_axes(self, x, y):
+        self.n_nodes += len(x) * len(y)
+        return self.process.predict_on_axes(x, y)
+
+
+@pytest.mark.parametrize("kernel", [SquaredExponential(1.0, 60.0), Matern32(1.0, 80.0)])
+def test_smooth_terrain_takes_a_part_of_the_solves_and_errs_within_the_tolerance(kernel, monkeypatch):
+    monkeypatch.setattr("survey.reconstruction.gp.engines.spline_grid._FEW", 2000)
+    process = Counting(conditioned(kernel))
+    mean, std = predict_on_fine_axes(process, X, Y, nugget_m=0.05)
+    assert process.n_nodes < 0.4 * X.size * Y.size
+    exact, spread = process.process.predict_on_axes(X, Y)
+    ground = np.hypot(spread, 0.05)
+    assert (np.abs(mean - exact) / ground).max() < 0.03
+    assert (np.abs(std - spread) / ground).max() < 0.03
+
+
+def test_terrain_that_is_rough_at_its_points_is_predicted_exactly(monkeypatch):
+    monkeypatch.setattr("survey.reconstruction.gp.engines.spline_grid._FEW", 2000)
+    process = conditioned(Exponential(1.0, 10.0), sigma_m=0.01)
+    for found, exact in zip(
+        predict_on_fine_axes(process, X, Y, nugget_m=0.0), process.predict_on_axes(X, Y), strict=True
+    ):
+        np.testing.assert_array_equal(found, exact)
+
+
+def test_a_grid_of_few_nodes_has_no_spline():
+    assert first_stride(100, 180) == 1
+    assert first_stride(600, 600) == 6
+
+
+def test_the_dense_engine_that_is_stated_stays_exact(monkeypatch):
+    monkeypatch.setattr("survey.reconstruction.gp.engines.spline_grid._FEW", 200)
+    rng = np.random.default_rng(5)
+    xy = rng.uniform(0.0, 100.0, (30, 2))
+    points = SurfacePoints(np.column_stack([xy, np.cos(xy[:, 1] / 40.0)]), sigma_m=0.1, crs="EPSG:32608")
+    grid = Grid((0.0, 0.0, 100.0, 100.0), 2.0, "EPSG:32608")
+    fitted = GaussianProcessTerrain(GaussianProcessConfig(), engine="dense").fit(points)
+    process = fitted.learned_.process
+    mean, _ = process.predict_on_axes(grid.x, grid.y)
+    np.testing.assert_array_equal(
+        fitted.learned_.on(grid)[0], mean + fitted.learned_.mean.at(grid.xy).reshape(grid.shape)
+    )
