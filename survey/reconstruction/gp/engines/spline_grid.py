@@ -79,4 +79,5 @@ def _compared(points: FloatArray, x: FloatArray, y: FloatArray) -> tuple[IntArra
 
 def _nearest(axis: FloatArray, places: FloatArray) -> IntArray:
     """Return the numbers (M,) of the nodes of an even axis that are nearest to places (M,) [m]."""
-    return np.rint((places - axis[0]) / (axis[1] - axis[0])).clip(0, len(axis) - 1).astype(np.int64)
+    steps = np.rint((places - axis[0]) / (axis[1] - axis[0]))
+    return np.asarray(steps.clip(0, len(axis) - 1), dtype=np.int64)
