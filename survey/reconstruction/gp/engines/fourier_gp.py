@@ -459,7 +459,7 @@ class FourierGaussianProcess(FourierProducts):
     @property
     def has_converged(self) -> bool:
         """Whether the mean converged within the largest number of iterations."""
-        return not self.mean_error > TOLERABLE
+        return self.mean_error <= TOLERABLE
 
     def converged(self) -> Self:
         """Return the process, or refuse one whose mean did not converge."""

@@ -352,7 +352,8 @@ class MeanSystem:
         """Solve by conjugate gradients until the error of the weights is below `accuracy`; return weights and error.
 
         The measure is the energy norm, which bounds the error of the mean anywhere by `accuracy` times the
-        posterior standard deviation there.
+        posterior standard deviation there. It is infinite where the preconditioner is not positive definite to working
+        precision, which stops the iteration; an energy at the level of rounding may have either sign.
         """
         z = start
         residual = side - self.product(z)
@@ -361,8 +362,10 @@ class MeanSystem:
         for iteration in range(MAX_ITERATIONS):
             step = preconditioner(residual)
             energy = inner(residual, step)
-            if energy <= accuracy**2:
-                return z + step, float(np.sqrt(energy))
+            if abs(energy) <= accuracy**2:
+                return z + step, float(np.sqrt(abs(energy)))
+            if energy < 0.0:
+                return z, np.inf
             direction = step + (energy / previous if iteration else 0.0) * direction
             image = self.product(direction)
             stride = energy / inner(direction, image)

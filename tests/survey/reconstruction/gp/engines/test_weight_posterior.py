@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
-from survey.reconstruction.gp.engines.fourier_weights import WeightPosterior
+from survey.reconstruction.gp.engines.fourier_weights import MeanSystem, WeightPosterior, inner
 
 BOX = FourierBox(np.array([50.0, 30.0]), np.array([140.0, 100.0]))
 # A half plane: (0, 0) first, then q above 0 at p = 0, then all q.
@@ -84,3 +84,17 @@ def test_later_points_count_as_if_they_had_been_there(
     x, y = np.linspace(0.0, 100.0, 7), np.linspace(0.0, 60.0, 5)
     maps = [BOX.evaluate_on_axes(x, y, one.variance_coefficients()) for one in (updated, complete)]
     np.testing.assert_allclose(*maps, rtol=1e-8)
+
+
+@pytest.mark.parametrize(("size", "error"), [(1e-12, 1e-6), (1.0, np.inf)])
+def test_an_energy_below_zero_is_rounding_or_no_convergence(
+    points: np.ndarray, noise_m2: np.ndarray, amplitudes: np.ndarray, size: float, error: float
+) -> None:
+    half_p, half_q = BASIS.half
+    gram = BOX.transform(points, 1.0 / noise_m2, (2 * half_p, 2 * half_q))
+    system = MeanSystem.of(BASIS, amplitudes**2, gram)
+    side = system.right_hand_side(BOX.transform(points, 1.0 / noise_m2, BASIS.half))
+    start = np.zeros_like(side)
+    negative = size / inner(side, side)
+    found = system.solve(side, lambda residual: -negative * residual, 1e-5, start)[1]
+    assert found == pytest.approx(error)
