@@ -271,7 +271,7 @@ class Learned:
 
     def expected_s(self, grid: Grid) -> float:
         """Return the expected time to judge the points and to map the nodes of a grid [s]."""
-        stride = first_stride(*grid.shape) if self.solves_each_node else 1
+        stride = first_stride(*grid.shape, len(self.process.data)) if self.solves_each_node else 1
         return self.process.expected_s(grid.x[::stride], grid.y[::stride])
 
     def on(self, grid: Grid) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:

@@ -457,6 +457,11 @@ class FourierGaussianProcess(FourierProducts):
         return cls(kernel, resolution, surface, data, posterior, system, sums, *weights)
 
     @property
+    def solves_each_node(self) -> bool:  # type: ignore[override]  # of the waves, not of the class
+        """Whether every node of a map costs the bound by its nearest points, because waves are left out."""
+        return not self.resolution.is_met
+
+    @property
     def has_converged(self) -> bool:
         """Whether the mean converged within the largest number of iterations."""
         return self.mean_error <= TOLERABLE

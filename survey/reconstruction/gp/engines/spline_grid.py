@@ -1,7 +1,7 @@
 r"""Prediction on a fine grid through a spline between exact nodes, checked at other nodes.
 
-Where every node costs a solve, as with few points or with the cells of a prior, a grid far finer than the terrain's length
-scales repeats nearly the same solve. Every s-th node is predicted exactly, a bicubic spline gives the others, and the result
+Where every node costs a solve, as with few points, with the cells of a prior or with the bound by the nearest points, a
+grid far finer than the points repeats nearly the same solve. Every s-th node is predicted exactly, a bicubic spline gives the others, and the result
 is compared with the exact prediction at the nodes nearest to the points, where kernels of rough terrain are least smooth, and
 at nodes spread over the grid. An error above 2 % of the standard deviation there halves s, down to the exact grid.
 """
@@ -28,13 +28,13 @@ def predict_on_fine_axes(
 
     `nugget_m`: standard deviation of relief that the process takes as noise [m], part of that of the ground.
     """
-    stride = first_stride(len(y), len(x))
-    if stride > 1:
+    stride = first_stride(len(y), len(x), len(process.data))
+    if stride > 2:
         rows, columns = _compared(process.data.xy, x, y)
         mean, variance = process.predict(np.stack([x[columns], y[rows]], axis=-1))
         std = np.sqrt(variance)
         allowed = _TOLERANCE * np.sqrt(variance + nugget_m**2)
-    while stride > 1:
+    while stride > 2:  # every second node costs a quarter of all, and may fail
         found = _through_spline(process, x, y, stride)
         errors = np.abs(found[0][rows, columns] - mean), np.abs(found[1][rows, columns] - std)
         if (np.maximum(*errors) <= allowed).all():
@@ -43,9 +43,9 @@ def predict_on_fine_axes(
     return process.predict_on_axes(x, y)
 
 
-def first_stride(n_rows: int, n_columns: int) -> int:
-    """Return the stride of the exact nodes of the first attempt, 1 where every node is predicted exactly."""
-    return max(int(np.sqrt(n_rows * n_columns / _FEW)), 1)
+def first_stride(n_rows: int, n_columns: int, n_points: int) -> int:
+    """Return the stride of the exact nodes of the first attempt, which are no fewer than points; 1 for every node."""
+    return max(int(np.sqrt(n_rows * n_columns / max(_FEW, n_points))), 1)
 
 
 def _through_spline(

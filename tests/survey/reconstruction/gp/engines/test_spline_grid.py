@@ -56,8 +56,9 @@ def test_terrain_that_is_rough_at_its_points_is_predicted_exactly(monkeypatch):
 
 
 def test_a_grid_of_few_nodes_has_no_spline():
-    assert first_stride(100, 180) == 1
-    assert first_stride(600, 600) == 6
+    assert first_stride(100, 180, n_points=40) == 1
+    assert first_stride(600, 600, n_points=40) == 6
+    assert first_stride(600, 600, n_points=90_000) == 2
 
 
 def test_the_dense_engine_that_is_stated_stays_exact(monkeypatch):
