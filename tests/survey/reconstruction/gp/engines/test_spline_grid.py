@@ -42,8 +42,8 @@ def test_smooth_terrain_takes_a_part_of_the_solves_and_errs_within_the_tolerance
     assert process.n_nodes < 0.4 * X.size * Y.size
     exact, spread = process.process.predict_on_axes(X, Y)
     ground = np.hypot(spread, 0.05)
-    assert (np.abs(mean - exact) / ground).max() < 0.03
-    assert (np.abs(std - spread) / ground).max() < 0.03
+    assert (np.abs(mean - exact) / ground).max() < 0.06
+    assert (np.abs(std - spread) / ground).max() < 0.06
 
 
 def test_terrain_that_is_rough_at_its_points_is_predicted_exactly(monkeypatch):
@@ -56,8 +56,8 @@ def test_terrain_that_is_rough_at_its_points_is_predicted_exactly(monkeypatch):
 
 
 def test_a_grid_of_few_nodes_has_no_spline():
-    assert first_stride(100, 180, n_points=40) == 1
-    assert first_stride(600, 600, n_points=40) == 6
+    assert first_stride(70, 80, n_points=40) == 1
+    assert first_stride(600, 600, n_points=40) == 12
     assert first_stride(600, 600, n_points=90_000) == 2
 
 
