@@ -11,7 +11,7 @@ from survey.data.camera import Camera
 from survey.data.frames import Frames
 from survey.data.recording import Recording
 from survey.data.sensors.records import GpsFixes, Inertial
-from survey.interchange.tum_euroc import write_euroc, write_tum_list
+from survey.interchange.layouts import write_euroc, write_tum_list
 
 TIMES = [10.0, 10.25, 10.5]
 IMAGES = tuple(np.random.default_rng(1).integers(0, 255, (4, 6), dtype=np.uint8) for _ in TIMES)
