@@ -1,15 +1,23 @@
-"""Write recordings in the TUM and EuRoC layouts."""
+"""Write recordings in the layouts of TUM, EuRoC and KITTI odometry."""
 
 from pathlib import Path
 
+import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core import FloatArray, InputError, write_text
 from survey.data.camera import Camera
 from survey.data.frames import Frames, png_of_frame
 from survey.data.recording import Recording
+from survey.data.sensors.lidar import LidarScans
 from survey.data.sensors.records import Inertial
 from survey.data.trajectory import Trajectory
+from survey.io.trajectory_files import write_kitti
+
+EUROC_FILES = ("mav0/*",)
+KITTI_FILES = ("calib.txt", "times.txt", "poses.txt", "image_0/*", "velodyne/*")
+"""Patterns of the files of a layout in its folder."""
 
 
 def write_tum_list(frames: Frames, folder: Path) -> None:
@@ -41,17 +49,27 @@ def write_euroc(recording: Recording, folder: Path, reference: Trajectory | None
     The body is EuRoC's frame of the inertial unit. A fisheye is called ``equidistant``, as
     Kalibr does; wheels, GPS and barometer have no place in that layout.
     """
-    if recording.frames is None or recording.camera is None:
-        raise InputError(
-            "the recording has no images, for which EuRoC's layout is; write another format, or name the recording of a drive with a camera folder."
-        )
-    if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"{folder} exists and is not empty; choose another folder.")
-    _write_camera(recording.camera, recording.frames, folder / "mav0" / "cam0")
+    frames, camera = images_of(recording)
+    _require_empty(folder)
+    _write_camera(camera, frames, folder / "mav0" / "cam0")
     if recording.inertial is not None:
         _write_inertial(recording.inertial, folder / "mav0" / "imu0")
     if reference is not None:
         _write_reference(reference, folder / "mav0" / "state_groundtruth_estimate0")
+
+
+def images_of(recording: Recording) -> tuple[Frames, Camera]:
+    """Return images and calibration of a recording; refuse one without."""
+    if recording.frames is None or recording.camera is None:
+        raise InputError(
+            "the recording has no images, which this layout needs; write another format, or simulate with fidelity = 'vision'."
+        )
+    return recording.frames, recording.camera
+
+
+def _require_empty(folder: Path) -> None:
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder} exists and is not empty; choose another folder.")
 
 
 def _write_camera(camera: Camera, frames: Frames, place: Path) -> None:
@@ -94,6 +112,9 @@ def _write_inertial(inertial: Inertial, place: Path) -> None:
     readings = np.hstack([inertial.gyro_rad_s, inertial.specific_force_m_s2])
     rows = _rows(inertial.time_s, readings)
     _write(place / "data.csv", [",".join(["#timestamp [ns]", *axes]), *rows])
+    rate_hz = 1.0 / float(np.median(np.diff(inertial.time_s))) if len(inertial) > 1 else 0.0
+    mounting = ["T_BS:", "  cols: 4", "  rows: 4", f"  data: {_listed(np.eye(4).ravel())}"]
+    _write(place / "sensor.yaml", ["%YAML:1.0", "sensor_type: imu", *mounting, f"rate_hz: {rate_hz:.9g}"])
 
 
 def _write_reference(reference: Trajectory, place: Path) -> None:
@@ -102,6 +123,106 @@ def _write_reference(reference: Trajectory, place: Path) -> None:
     names = ["#timestamp", *(f"p_RS_R_{axis} [m]" for axis in "xyz"), *(f"q_RS_{part} []" for part in "wxyz")]
     rows = _rows(reference.time_s, np.column_stack([reference.position, w, x, y, z]))
     _write(place / "data.csv", [",".join(names), *rows])
+
+
+def write_kitti_sequence(recording: Recording, folder: Path, reference: Trajectory | None = None) -> None:
+    """Write a recording in the layout of KITTI odometry: images, times, calibration, scans and, if given, real poses.
+
+    Parameters
+    ----------
+    recording : Recording
+        With camera and frames; scans of a LiDAR if it has them.
+    folder : pathlib.Path
+        Is made.
+    reference : Trajectory, optional
+        Real poses of the body, for ``poses.txt``.
+
+    Raises
+    ------
+    InputError
+        No frames, or the folder exists and is not empty.
+
+    Notes
+    -----
+    Images of that layout are rectified: those of a lens with distortion are resampled to a pinhole without. Scans have
+    times of their own in ``velodyne/times.txt``, and ``Tr`` of ``calib.txt`` takes their points to the camera.
+    """
+    frames, camera = images_of(recording)
+    _require_empty(folder)
+    (folder / "image_0").mkdir(parents=True, exist_ok=True)
+    pinhole = rectified_camera(camera)
+    columns, rows = (None, None) if pinhole is camera else _source_pixels(camera, pinhole)
+    for k, time_s in enumerate(frames.time_s):
+        image = frames[k]
+        if columns is not None and rows is not None:
+            image = np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR), dtype=np.uint8)
+        (folder / "image_0" / f"{k:06d}.png").write_bytes(png_of_frame(image, time_s))
+    _write(folder / "times.txt", [f"{time_s!r}" for time_s in frames.time_s.tolist()])
+    projection = np.column_stack([pinhole.matrix, np.zeros(3)])
+    calibration = [f"P0: {_spaced(projection)}"]
+    if recording.lidar is not None:
+        T_body_lidar = np.eye(4)
+        T_body_lidar[:3, 3] = recording.lidar.scanner.mount_m
+        calibration.append(f"Tr: {_spaced((np.linalg.inv(camera.T_body_camera) @ T_body_lidar)[:3])}")
+        _write_scans(recording.lidar, folder / "velodyne")
+    _write(folder / "calib.txt", calibration)
+    if reference is not None:
+        poses = _poses_at(reference, frames.time_s) @ camera.T_body_camera
+        write_kitti(folder / "poses.txt", (np.linalg.inv(poses[0]) @ poses)[:, :3])
+
+
+def rectified_camera(camera: Camera) -> Camera:
+    """Return a pinhole of the same size without distortion, all of whose pixels the camera sees; the camera itself if it is one.
+
+    >>> lens = Camera("fisheye", 640, 480, [[366.0, 0, 319.5], [0, 366.0, 239.5], [0, 0, 1]], np.zeros(4), np.eye(4))
+    >>> round(float(rectified_camera(lens).matrix[0, 0]), 1)
+    312.2
+    """
+    if camera.model == "pinhole" and not camera.distortion.any():
+        return camera
+    across, down = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
+    u, v = np.arange(camera.width), np.arange(camera.height)
+    sides = [np.column_stack([np.full(len(v), side), v]) for side in (0, camera.width - 1)]
+    ends = [np.column_stack([u, np.full(len(u), end)]) for end in (0, camera.height - 1)]
+    rays = [camera.rays(np.vstack(edges).astype(np.float64)) for edges in (sides, ends)]
+    if not all(np.isfinite(edge).all() and (edge[:, 2] > 0.0).all() for edge in rays):
+        raise InputError(
+            "the camera sees 90° off its axis, which no pinhole of KITTI does; write another format."
+        )
+    least = [float(np.abs(edge[:, k] / edge[:, 2]).min()) for k, edge in enumerate(rays)]
+    focal_px = max(across / least[0], down / least[1])
+    matrix = np.array([[focal_px, 0.0, across], [0.0, focal_px, down], [0.0, 0.0, 1.0]])
+    return Camera("pinhole", camera.width, camera.height, matrix, np.zeros(5), camera.T_body_camera)
+
+
+def _source_pixels(camera: Camera, pinhole: Camera) -> tuple[FloatArray, FloatArray]:
+    """Return column and row (H, W) of the camera's image for each pixel of a pinhole."""
+    v, u = np.mgrid[: pinhole.height, : pinhole.width].astype(np.float64)
+    pixels = camera.project(pinhole.rays(np.column_stack([u.ravel(), v.ravel()])))
+    columns, rows = pixels.astype(np.float32).T.reshape(2, pinhole.height, pinhole.width)
+    return columns, rows
+
+
+def _write_scans(scans: LidarScans, place: Path) -> None:
+    """Write points in the frame of the scanner, with a reflectance of 0, and the begin of each turn."""
+    place.mkdir()
+    for k, scan in enumerate(scans):
+        points = np.column_stack([scan.xyz - scan.sensor, np.zeros(len(scan.xyz))])
+        (place / f"{k:06d}.bin").write_bytes(points.astype("<f4").tobytes())
+    _write(place / "times.txt", [f"{time_s!r}" for time_s in scans.time_s.tolist()])
+
+
+def _poses_at(path: Trajectory, time_s: FloatArray) -> FloatArray:
+    """Return the poses (N, 4, 4) of the body at times (N,) [s], between those of a path."""
+    at_s = time_s.clip(path.time_s[0], path.time_s[-1])
+    poses = np.tile(np.eye(4), (len(at_s), 1, 1))
+    poses[:, :3, :3] = Slerp(path.time_s, Rotation.from_quat(path.quaternion))(at_s).as_matrix()
+    poses[:, :3, 3] = np.column_stack([np.interp(at_s, path.time_s, axis) for axis in path.position.T])
+    return poses
+
+
+def _spaced(values: FloatArray) -> str:
+    return " ".join(f"{value!r}" for value in values.ravel().tolist())
 
 
 def _rows(time_s: FloatArray, values: FloatArray) -> list[str]:
