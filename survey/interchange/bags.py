@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @contextmanager
 def open_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
     """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS."""
-    require_rosbags(place)
+    require_rosbags(f"{place} is a bag, and reading it")
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
@@ -28,12 +28,12 @@ def open_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
         yield reader
 
 
-def require_rosbags(place: Path) -> None:
-    """Refuse a bag where rosbags is not installed."""
+def require_rosbags(what: str) -> None:
+    """Refuse what needs rosbags where it is not installed; `what` begins the sentence."""
     try:
         import_module("rosbags.highlevel")
     except ImportError as error:
-        raise InputError(f"{place} is a bag, and that needs rosbags; install firnline[bags].") from error
+        raise InputError(f"{what} needs rosbags; install firnline[bags].") from error
 
 
 _CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -375,7 +375,7 @@ class _Bag:
 
 def _opened(path: Path) -> AbstractContextManager[_Bag]:
     """Open the bag that the ending of a name states; it replaces what was there when it is complete."""
-    require_rosbags(path)
+    require_rosbags(f"{path} is a bag, and writing it")
     return {".bag": _first_bag, ".mcap": _mcap_file}.get(path.suffix.lower(), _second_bag)(path)
 
 
