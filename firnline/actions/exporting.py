@@ -86,7 +86,7 @@ class RouteOptions:
         of_files : bool
             Refuse those of files without a CRS and unit, and the choice of outlines, too.
         """
-        given = {
+        given: dict[str, object] = {
             "--autopilot": self.autopilot,
             "--area": self.area,
             "--dem": self.dem,

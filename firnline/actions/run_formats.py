@@ -17,7 +17,13 @@ from survey.core.replacement import replacing_folder
 from survey.core.run_folder import RunFolder
 from survey.interchange.bags import require_rosbags
 from survey.interchange.drive_bags import BAG_FILES, bag_notes, write_bag
-from survey.interchange.layouts import EUROC_FILES, KITTI_FILES, images_of, write_euroc, write_kitti_sequence
+from survey.interchange.layouts import (
+    EUROC_FILES,
+    KITTI_FILES,
+    recorded_images,
+    write_euroc,
+    write_kitti_sequence,
+)
 from survey.io.vector import read_features
 
 
@@ -95,7 +101,7 @@ def _foxglove(source: Path, rover: int | None) -> OpenedRun:
 
 def _euroc(source: Path, rover: int | None) -> OpenedRun:
     drive = _drive(source, rover)
-    frames, _ = images_of(drive.recording)
+    frames, _ = recorded_images(drive.recording)
 
     def write(out: Path) -> str:
         with replacing_folder(out, own=EUROC_FILES) as draft:
@@ -107,7 +113,7 @@ def _euroc(source: Path, rover: int | None) -> OpenedRun:
 
 def _kitti(source: Path, rover: int | None) -> OpenedRun:
     drive = _drive(source, rover)
-    frames, _ = images_of(drive.recording)
+    frames, _ = recorded_images(drive.recording)
 
     def write(out: Path) -> str:
         with replacing_folder(out, own=KITTI_FILES) as draft:

@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import shapely
 from affine import Affine
 from pyproj import CRS, Geod
@@ -21,8 +23,9 @@ from scipy.spatial.transform import Rotation
 
 from sim.config.world import AppearanceConfig
 from sim.world.appearance import SURFACE_TEXEL_M, Tile, snow_patches, sun_direction, surface_tile
+from sim.world.hazards import FloatGrid
 from survey import Dem, InputError
-from survey.core import FloatArray, replacing, write_text
+from survey.core import FloatArray, IntArray, replacing, write_text
 from survey.core.transformation import transformed
 from survey.data.frames import Image
 
@@ -90,23 +93,23 @@ class WorldModel:
         patches = snow_patches(self.ground.shape, self.ground.step_m, self.look, self.seed)
         columns, rows = (np.asarray(part / self.ground.step_m, dtype=np.float32) for part in (x, down))
         at = np.meshgrid(columns, rows)
-        share = cv2.remap(patches, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        share: FloatGrid = cv2.remap(patches, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         share *= 1.0 + _sampled(surface_tile(self.look, self.wind_from_deg, self.seed), x, -down, texel_m)
         share *= self._tones(n)
         grey = np.clip(np.rint(_SNOW_GREY * share), 0.0, 255.0).astype(np.uint8)
         return np.repeat(grey[:, :, None], 3, axis=2)
 
-    def _tones(self, n: int) -> FloatArray:
+    def _tones(self, n: int) -> FloatGrid:
         """Return the reflectance (n, n) of hazards as a share of that around them."""
         marked = [(outline, _TONES[kind]) for kind, outline in self.marks if kind in _TONES]
         scale = self.side_m / n
         place = Affine(scale, 0.0, self.corner[0], 0.0, -scale, self.corner[1] + self.side_m)
         if not marked:
-            return np.ones((1, 1))
-        tones: FloatArray = rasterize(marked, (n, n), fill=1.0, transform=place, dtype="float32")
+            return np.ones((1, 1), np.float32)
+        tones: FloatGrid = rasterize(marked, (n, n), fill=1.0, transform=place, dtype="float32")
         return tones
 
-    def mesh(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def mesh(self) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return vertices (N, 3) from the spawn position [m], their place in the texture (N, 2), and triangles (M, 3).
 
         Places in the texture count from its north-western corner to the right and down, from 0 to 1. Where the terrain
@@ -127,13 +130,13 @@ class WorldModel:
         return place - self.position, on_texture, triangles
 
 
-def _sampled(tile: Tile, x: FloatArray, y: FloatArray, texel_m: float) -> FloatArray:
+def _sampled(tile: Tile, x: FloatArray, y: FloatArray, texel_m: float) -> FloatGrid:
     """Return the relative change of brightness (len(y), len(x)) of a tile, from the level of that texel."""
     level = int(np.clip(np.floor(np.log2(texel_m * tile.texels_per_m) + 1e-9), 0, len(tile.starts) - 1))
     side, per_m = tile.texels >> level, tile.texels_per_m / 2**level
     words = tile.words[tile.starts[level] :][: side * side].reshape(side, side)
     column, row = (np.floor(part * per_m).astype(np.int64) % side for part in (x, y))
-    texture: FloatArray = ((words & np.uint32(255)).astype(np.float32) - 128.0) * tile.amplitude
+    texture: FloatGrid = ((words & np.uint32(255)).astype(np.float32) - 128.0) * np.float32(tile.amplitude)
     return texture[np.ix_(row, column)]
 
 
@@ -294,7 +297,7 @@ def _y_up(place: FloatArray) -> FloatArray:
     return np.column_stack([place[:, 0], place[:, 2], -place[:, 1]])
 
 
-def _png(image: FloatArray | Image) -> bytes:
+def _png(image: npt.NDArray[Any]) -> bytes:
     is_encoded, content = cv2.imencode(".png", image)
     if not is_encoded:
         raise InputError("a picture of the world could not be written as PNG.")

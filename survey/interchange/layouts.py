@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core import FloatArray, InputError, write_text
@@ -49,7 +50,7 @@ def write_euroc(recording: Recording, folder: Path, reference: Trajectory | None
     The body is EuRoC's frame of the inertial unit. A fisheye is called ``equidistant``, as
     Kalibr does; wheels, GPS and barometer have no place in that layout.
     """
-    frames, camera = images_of(recording)
+    frames, camera = recorded_images(recording)
     _require_empty(folder)
     _write_camera(camera, frames, folder / "mav0" / "cam0")
     if recording.inertial is not None:
@@ -58,7 +59,7 @@ def write_euroc(recording: Recording, folder: Path, reference: Trajectory | None
         _write_reference(reference, folder / "mav0" / "state_groundtruth_estimate0")
 
 
-def images_of(recording: Recording) -> tuple[Frames, Camera]:
+def recorded_images(recording: Recording) -> tuple[Frames, Camera]:
     """Return images and calibration of a recording; refuse one without."""
     if recording.frames is None or recording.camera is None:
         raise InputError(
@@ -144,27 +145,28 @@ def write_kitti_sequence(recording: Recording, folder: Path, reference: Trajecto
 
     Notes
     -----
-    Images of that layout are rectified: those of a lens with distortion are resampled to a pinhole without. Scans have
-    times of their own in ``velodyne/times.txt``, and ``Tr`` of ``calib.txt`` takes their points to the camera.
+    Images of that layout are rectified: those of a lens with distortion are resampled to a pinhole without. ``P1`` to
+    ``P3`` of ``calib.txt`` repeat ``P0``, for there is one camera. ``Tr`` takes points of the scanner, without one those
+    of the body, to the camera. Scans have times of their own in ``velodyne/times.txt``.
     """
-    frames, camera = images_of(recording)
+    frames, camera = recorded_images(recording)
     _require_empty(folder)
     (folder / "image_0").mkdir(parents=True, exist_ok=True)
     pinhole = rectified_camera(camera)
-    columns, rows = (None, None) if pinhole is camera else _source_pixels(camera, pinhole)
+    source = None if pinhole is camera else _source_pixels(camera, pinhole)
     for k, time_s in enumerate(frames.time_s):
         image = frames[k]
-        if columns is not None and rows is not None:
-            image = np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR), dtype=np.uint8)
+        if source is not None:
+            image = np.asarray(cv2.remap(image, *source, cv2.INTER_LINEAR), dtype=np.uint8)
         (folder / "image_0" / f"{k:06d}.png").write_bytes(png_of_frame(image, time_s))
     _write(folder / "times.txt", [f"{time_s!r}" for time_s in frames.time_s.tolist()])
     projection = np.column_stack([pinhole.matrix, np.zeros(3)])
-    calibration = [f"P0: {_spaced(projection)}"]
+    T_body_lidar = np.eye(4)
     if recording.lidar is not None:
-        T_body_lidar = np.eye(4)
         T_body_lidar[:3, 3] = recording.lidar.scanner.mount_m
-        calibration.append(f"Tr: {_spaced((np.linalg.inv(camera.T_body_camera) @ T_body_lidar)[:3])}")
         _write_scans(recording.lidar, folder / "velodyne")
+    T_camera_lidar = np.linalg.inv(camera.T_body_camera) @ T_body_lidar
+    calibration = [*(f"P{k}: {_spaced(projection)}" for k in range(4)), f"Tr: {_spaced(T_camera_lidar[:3])}"]
     _write(folder / "calib.txt", calibration)
     if reference is not None:
         poses = _poses_at(reference, frames.time_s) @ camera.T_body_camera
@@ -195,12 +197,11 @@ def rectified_camera(camera: Camera) -> Camera:
     return Camera("pinhole", camera.width, camera.height, matrix, np.zeros(5), camera.T_body_camera)
 
 
-def _source_pixels(camera: Camera, pinhole: Camera) -> tuple[FloatArray, FloatArray]:
-    """Return column and row (H, W) of the camera's image for each pixel of a pinhole."""
+def _source_pixels(camera: Camera, pinhole: Camera) -> npt.NDArray[np.float32]:
+    """Return columns and rows (2, H, W) in the camera's image of the pixels of a pinhole."""
     v, u = np.mgrid[: pinhole.height, : pinhole.width].astype(np.float64)
     pixels = camera.project(pinhole.rays(np.column_stack([u.ravel(), v.ravel()])))
-    columns, rows = pixels.astype(np.float32).T.reshape(2, pinhole.height, pinhole.width)
-    return columns, rows
+    return pixels.astype(np.float32).T.reshape(2, pinhole.height, pinhole.width)
 
 
 def _write_scans(scans: LidarScans, place: Path) -> None:

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
-from benchmarks.small_inputs import IDEAL_MISSION
+from benchmarks.small_inputs import MISSION
 from firnline.actions.run_formats import RUN_FORMATS
 from firnline.cli.main import app
 from survey import Recording, Trajectory
@@ -27,7 +27,7 @@ source = "random"
 size_m = 60.0
 relief_m = 3.0
 [area]
-bounds_m = [526020.0, 6478020.0, 526032.0, 6478030.0]
+bounds_m = [526020.0, 6478020.0, 526027.0, 6478027.0]
 [planner]
 pattern = "lawnmower"
 swaths = 1
@@ -39,6 +39,8 @@ crevasses_per_ha = 0.0
 [imaging]
 width = 96
 height = 72
+[physics]
+engine = "kinematic"
 [sensors.lidar]
 beams = 4
 columns = 32
@@ -60,8 +62,8 @@ def run(tmp_path_factory) -> RunFolder:
 
 
 @pytest.fixture(scope="module")
-def ideal(tmp_path_factory) -> RunFolder:
-    return simulated(tmp_path_factory.mktemp("ideal"), IDEAL_MISSION)
+def plain(tmp_path_factory) -> RunFolder:
+    return simulated(tmp_path_factory.mktemp("plain"), MISSION)
 
 
 @pytest.fixture
@@ -99,10 +101,10 @@ def test_a_simulated_run_becomes_a_bag(run, tmp_path, name, options):
     np.testing.assert_allclose(fixes.position, recording.gps.position, atol=1e-6)
 
 
-def test_a_bag_without_images_holds_odometry_and_fixes(ideal, tmp_path):
-    export(ideal, tmp_path / "drive.bag")
+def test_a_bag_without_images_holds_odometry_and_fixes(plain, tmp_path):
+    export(plain, tmp_path / "drive.bag")
     found = read_bag(tmp_path / "drive.bag")
-    recording = recorded(ideal)
+    recording = recorded(plain)
     np.testing.assert_allclose(np.diff(found.wheels.left_m), recording.odometry.step[:, 0], atol=0.05)
 
 
@@ -132,8 +134,8 @@ def test_mcap_for_viewers_needs_no_localization(run, tmp_path):
 
 @pytest.mark.usefixtures("small_textures")
 @pytest.mark.parametrize("name", ["site.sdf", "site.glb", "site.obj"])
-def test_a_simulated_run_becomes_a_world(run, ideal, tmp_path, name):
-    for each in (run, ideal):
+def test_a_simulated_run_becomes_a_world(run, plain, tmp_path, name):
+    for each in (run, plain):
         export(each, tmp_path / name, "--force")
         assert (tmp_path / name).stat().st_size > 1000
     if name == "site.sdf":
@@ -180,9 +182,9 @@ def test_every_format_refuses_an_existing_output_before_work(run, tmp_path):
         ("drive", ("--as", "euroc"), 3, "the recording has no images"),
     ],
 )
-def test_combinations_that_cannot_be_are_refused(ideal, tmp_path, name, options, code, sentence):
+def test_combinations_that_cannot_be_are_refused(plain, tmp_path, name, options, code, sentence):
     for more in ((), ("--dry-run",)):
-        assert sentence in " ".join(export(ideal, tmp_path / name, *options, *more, code=code).output.split())
+        assert sentence in " ".join(export(plain, tmp_path / name, *options, *more, code=code).output.split())
     assert not list(tmp_path.iterdir())
 
 

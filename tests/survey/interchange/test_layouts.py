@@ -111,7 +111,7 @@ def test_a_sequence_of_kitti_is_rectified_and_read_back(tmp_path: Path) -> None:
     (scan,) = read_sensor_scans(tmp_path / "drive", found.time_s, sigma_m=0.1).scans
     assert scan.time_s.tolist() == [10.1]
     np.testing.assert_allclose(scan.xyz[0], [2.0 * np.cos(np.pi / 6), 0.0, -1.0], atol=1e-6)
-    turned = np.array((tmp_path / "drive" / "calib.txt").read_text().splitlines()[1].split()[1:], dtype=float)
+    turned = np.array((tmp_path / "drive" / "calib.txt").read_text().splitlines()[4].split()[1:], dtype=float)
     to_camera = turned.reshape(3, 4)
     # A point ahead of the scanner and as high as it lies before and above the camera.
     np.testing.assert_allclose(to_camera @ [5.0, 0.0, 0.0, 1.0], [0.0, -0.8, 4.8], atol=1e-12)
