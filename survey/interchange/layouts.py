@@ -157,7 +157,7 @@ def write_kitti_sequence(recording: Recording, folder: Path, reference: Trajecto
     for k, time_s in enumerate(frames.time_s):
         image = frames[k]
         if source is not None:
-            image = np.asarray(cv2.remap(image, *source, cv2.INTER_LINEAR), dtype=np.uint8)
+            image = np.asarray(cv2.remap(image, source[0], source[1], cv2.INTER_LINEAR), dtype=np.uint8)
         (folder / "image_0" / f"{k:06d}.png").write_bytes(png_of_frame(image, time_s))
     _write(folder / "times.txt", [f"{time_s!r}" for time_s in frames.time_s.tolist()])
     projection = np.column_stack([pinhole.matrix, np.zeros(3)])
