@@ -1,7 +1,8 @@
 """Exported drives and worlds, read by the programs that they are for: ``python -m benchmarks.interchange_of_drives``.
 
 A drive in images with a LiDAR is simulated, and exported in every format without being localized. Each format is read by a
-reader that is not ours: rosbags (every message deserialized), mcap, ORB-SLAM3 on EuRoC's layout, pykitti, trimesh, and
+reader that is not ours: rosbags (every message deserialized), mcap, ORB-SLAM3 (it gets the images of EuRoC's layout; inertial
+readings and real poses are read by the rules of that layout), pykitti, trimesh, and
 libsdformat, whose check of a world is that of ``gz sdf --check``. ``FIRNLINE_PEERS`` names a Python with pyorbslam3, pykitti,
 trimesh and OpenCV; rows of readers that are not installed are left out. The ROS 2 bag is localized, too, and its path
 compared with those of the same records and of all records of the run.

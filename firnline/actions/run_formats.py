@@ -6,25 +6,20 @@ before anything is written, and returns what writes the file.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from firnline.actions.interface import needs_live_extra
-from sim.config.mission import MissionConfig
-from sim.mission.fleet import drive_folders
-from sim.mission.runs import read_mission
-from survey import ConfigError, Recording, Trajectory, Truth
+from survey import ConfigError
 from survey.core.replacement import replacing_folder
 from survey.core.run_folder import RunFolder
-from survey.interchange.bags import require_rosbags
-from survey.interchange.drive_bags import BAG_FILES, bag_notes, write_bag
-from survey.interchange.layouts import (
-    EUROC_FILES,
-    KITTI_FILES,
-    recorded_images,
-    write_euroc,
-    write_kitti_sequence,
-)
-from survey.io.vector import read_features
+
+if TYPE_CHECKING:
+    from sim.config.mission import MissionConfig
+    from survey import Recording, Trajectory
+
+_BAG_FILES = ("metadata.yaml", "*.db3")
+_EUROC_FILES = ("mav0/*",)
+_KITTI_FILES = ("calib.txt", "times.txt", "poses.txt", "image_0/*", "velodyne/*")
 
 
 class OpenedRun(NamedTuple):
@@ -50,14 +45,18 @@ class RunFormat(NamedTuple):
 class _Drive(NamedTuple):
     """Drive of one rover: recording, real path and mission, and the folder of its files."""
 
-    recording: Recording
-    real: Trajectory
-    mission: MissionConfig
+    recording: "Recording"
+    real: "Trajectory"
+    mission: "MissionConfig"
     folder: Path
 
 
 def _drive(source: Path, rover: int | None) -> _Drive:
     """Read the drive of a rover; the run has to be simulated, and nothing more."""
+    from sim.mission.fleet import drive_folders
+    from sim.mission.runs import read_mission
+    from survey import Recording, Trajectory
+
     run = RunFolder.find(source)
     folders = drive_folders(run.verified("simulate"))
     if not 0 <= (rover or 0) < len(folders) or (rover is None and len(folders) > 1):
@@ -73,6 +72,9 @@ def _drive(source: Path, rover: int | None) -> _Drive:
 
 
 def _bag(source: Path, rover: int | None) -> OpenedRun:
+    from survey.interchange.bags import require_rosbags
+    from survey.interchange.drive_bags import bag_notes, write_bag
+
     require_rosbags("writing a bag")
     drive = _drive(source, rover)
     gauge_m = drive.mission.physics.track_gauge_m
@@ -89,6 +91,8 @@ def _foxglove(source: Path, rover: int | None) -> OpenedRun:
         raise ConfigError("the file holds all rovers; leave --rover out.")
     with needs_live_extra():
         from live.mcap_files import write_drive_mcap, write_run_mcap
+    if source.is_dir():
+        RunFolder.find(source).verify("simulate")
 
     def write(out: Path) -> str:
         counts = (
@@ -100,11 +104,13 @@ def _foxglove(source: Path, rover: int | None) -> OpenedRun:
 
 
 def _euroc(source: Path, rover: int | None) -> OpenedRun:
+    from survey.interchange.layouts import recorded_images, write_euroc
+
     drive = _drive(source, rover)
     frames, _ = recorded_images(drive.recording)
 
     def write(out: Path) -> str:
-        with replacing_folder(out, own=EUROC_FILES) as draft:
+        with replacing_folder(out, own=_EUROC_FILES) as draft:
             write_euroc(drive.recording, draft, drive.real)
         return f"{len(frames)} images"
 
@@ -112,11 +118,13 @@ def _euroc(source: Path, rover: int | None) -> OpenedRun:
 
 
 def _kitti(source: Path, rover: int | None) -> OpenedRun:
+    from survey.interchange.layouts import recorded_images, write_kitti_sequence
+
     drive = _drive(source, rover)
     frames, _ = recorded_images(drive.recording)
 
     def write(out: Path) -> str:
-        with replacing_folder(out, own=KITTI_FILES) as draft:
+        with replacing_folder(out, own=_KITTI_FILES) as draft:
             write_kitti_sequence(drive.recording, draft, drive.real)
         return f"{len(frames)} images"
 
@@ -128,6 +136,8 @@ def _world(kind: str) -> Callable[[Path, int | None], OpenedRun]:
 
     def opened(source: Path, rover: int | None) -> OpenedRun:
         from sim.world.world_files import WorldModel, write_glb, write_obj, write_sdf
+        from survey import Truth
+        from survey.io.vector import read_features
 
         drive = _drive(source, rover)
         mission, hazards = drive.mission, drive.folder / "hazards.geojson"
@@ -154,10 +164,10 @@ def _world(kind: str) -> Callable[[Path, int | None], OpenedRun]:
 RUN_FORMATS = (
     RunFormat("foxglove", ".mcap", _foxglove),
     RunFormat("ros1", ".bag", _bag),
-    RunFormat("ros2", "", _bag, BAG_FILES),
+    RunFormat("ros2", "", _bag, _BAG_FILES),
     RunFormat("ros2", ".mcap", _bag),
-    RunFormat("euroc", "", _euroc, EUROC_FILES),
-    RunFormat("kitti", "", _kitti, KITTI_FILES),
+    RunFormat("euroc", "", _euroc, _EUROC_FILES),
+    RunFormat("kitti", "", _kitti, _KITTI_FILES),
     RunFormat("sdf", ".sdf", _world(".sdf")),
     RunFormat("gltf", ".glb", _world(".glb")),
     RunFormat("obj", ".obj", _world(".obj")),

@@ -29,8 +29,6 @@ from survey.data.sensors.records import Wheels
 from survey.data.trajectory import Trajectory
 from survey.interchange.bags import require_rosbags
 
-BAG_FILES = ("metadata.yaml", "*.db3")
-"""Patterns of the files in the folder of a ROS 2 bag."""
 TRUTH_TOPIC = "/ground_truth/odometry"
 _KINDS = {
     "/clock": "rosgraph_msgs/msg/Clock",
@@ -394,7 +392,7 @@ def _first_bag(path: Path) -> Iterator[_Bag]:
 @contextmanager
 def _second_bag(path: Path) -> Iterator[_Bag]:
     # The file in the folder, and the list of files, are named after the folder.
-    with replacing_folder(path, own=BAG_FILES) as draft:
+    with replacing_folder(path, own=("metadata.yaml", "*.db3")) as draft:
         with _ros2_writer(draft / path.name, "SQLITE3") as bag:
             yield bag
         for file in sorted((draft / path.name).iterdir()):

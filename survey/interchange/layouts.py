@@ -16,10 +16,6 @@ from survey.data.sensors.records import Inertial
 from survey.data.trajectory import Trajectory
 from survey.io.trajectory_files import write_kitti
 
-EUROC_FILES = ("mav0/*",)
-KITTI_FILES = ("calib.txt", "times.txt", "poses.txt", "image_0/*", "velodyne/*")
-"""Patterns of the files of a layout in its folder."""
-
 
 def write_tum_list(frames: Frames, folder: Path) -> None:
     """Write ``rgb.txt`` beside the folder ``frames`` that a `FrameWriter` wrote: a time and a file a line."""
