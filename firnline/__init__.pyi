@@ -55,10 +55,12 @@ from survey.data.sensors.records import Wheels as Wheels
 from survey.data.surface_points import SurfacePoints as SurfacePoints
 from survey.data.trajectory import Trajectory as Trajectory
 from survey.data.truth import Truth as Truth
+from survey.interchange.drive_bags import write_bag as write_bag
+from survey.interchange.layouts import write_euroc as write_euroc
+from survey.interchange.layouts import write_kitti_sequence as write_kitti_sequence
 from survey.interchange.missions import Surroundings as Surroundings
 from survey.interchange.route_formats import read_plan as read_plan
 from survey.interchange.route_formats import write_plan as write_plan
-from survey.interchange.tum_euroc import write_euroc as write_euroc
 from survey.reconstruction.carving.config import SpaceCarvingConfig as SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig as JointConfig

@@ -3,7 +3,7 @@
 Messages are JSON of Foxglove's schemas, of which `SCHEMAS` holds the parts that are written. The frame ``local`` is the
 survey's CRS with the first pose of the path as its origin, since positions in the CRS have too many digits for the
 single precision of viewers; the metadata record ``frame`` holds the origin and the CRS. `write_run_mcap` writes path with
-covariance, landmarks, map and its σ, and images of a run; `write_drive_mcap` writes places of the rover, samples with
+covariance, landmarks, map and its σ, images and the real path of a run, as far as it is done; `write_drive_mcap` writes places of the rover, samples with
 their σ, and the map after each update of a watched survey.
 """
 
@@ -158,18 +158,27 @@ def _write_drive(mcap: McapMessages, watch: SurveyWatch) -> None:
 
 
 def write_run_mcap(run: RunFolder, path: Path) -> dict[str, int]:
-    """Write what a run has: path and landmarks of each rover, images, map."""
-    places = drive_folders(run.verified("localize"))
+    """Write what a run has: path and landmarks of each rover where it is localized, images, real path, map."""
+    simulated = drive_folders(run.verified("simulate"))
+    places = drive_folders(run.verified("localize")) if run.has("localize") else []
     crs = Route.read(run.verified("plan") / "route.geojson").crs
     drives = [Trajectory.read(place / "trajectory.csv", crs) for place in places]
     with replacing(path) as draft, draft.open("wb") as stream:
-        mcap = McapMessages(Writer(stream), drives[0].position[0])
+        start = drives[0].position[0] if drives else Recording.read(simulated[0] / "recording").start
+        mcap = McapMessages(Writer(stream), start)
         mcap.begin(crs)
         for rover, (place, drive) in enumerate(zip(places, drives, strict=True), start=1):
             _write_path(mcap, f"/rover{rover}", drive)
             _write_landmarks(mcap, f"/rover{rover}/landmarks", place, drive)
-        for rover, place in enumerate(drive_folders(run.folder("simulate")), start=1):
+        for rover, place in enumerate(simulated, start=1):
             _write_images(mcap, f"/rover{rover}/image", place)
+            real = Trajectory.read(place / "truth" / "trajectory.tum", crs)
+            mcap.add(
+                f"/rover{rover}/ground_truth/path",
+                "PosesInFrame",
+                float(real.time_s[-1]),
+                {"poses": _poses(mcap, real)},
+            )
         if run.folder("reconstruct").is_dir():
             found = Reconstruction.read(run.verified("reconstruct"))
             fields = found.mean.elevation, found.std.elevation
@@ -180,15 +189,20 @@ def write_run_mcap(run: RunFolder, path: Path) -> dict[str, int]:
 
 def _write_path(mcap: McapMessages, topic: str, drive: Trajectory) -> None:
     """Write each pose with the covariance of its position, and the path at its end."""
-    poses = [
-        {"position": xyz(position), "orientation": dict(zip("xyzw", turn.tolist(), strict=True))}
-        for position, turn in zip(drive.position - mcap.origin, drive.quaternion, strict=True)
-    ]
+    poses = _poses(mcap, drive)
     rows = zip(drive.time_s.tolist(), poses, drive.covariance, strict=True)
     for time_s, pose, covariance in rows:
         content = {"pose": pose, "position_covariance": covariance.ravel().tolist()}
         mcap.add(f"{topic}/pose", "PoseInFrame", time_s, content)
     mcap.add(f"{topic}/path", "PosesInFrame", float(drive.time_s[-1]), {"poses": poses})
+
+
+def _poses(mcap: McapMessages, drive: Trajectory) -> list[dict[str, Any]]:
+    """Return the poses of a path in the local frame."""
+    return [
+        {"position": xyz(position), "orientation": dict(zip("xyzw", turn.tolist(), strict=True))}
+        for position, turn in zip(drive.position - mcap.origin, drive.quaternion, strict=True)
+    ]
 
 
 def _write_landmarks(mcap: McapMessages, topic: str, place: Path, drive: Trajectory) -> None:

@@ -1,4 +1,4 @@
-"""Convert routes, maps, tracks, areas and points to the formats of other programs; exchange missions with a rover."""
+"""Convert routes, maps, tracks, areas, points and runs to the formats of other programs; exchange missions with a rover."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -26,6 +26,7 @@ from firnline.actions.interface import (
     with_companions,
 )
 from firnline.actions.requests import Lengths, Patience, Select, System, Url
+from firnline.actions.run_formats import RUN_FORMAT_NAMES, RunFormat, format_of_run
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 
 _MISSIONS = (".plan", ".waypoints")
+_KINDS = ("route", "raster", "points", "track", "area")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,24 +76,29 @@ class RouteOptions:
     ] = None
     units: Lengths = None
 
-    def refuse_stated(self, reason: str) -> None:
+    def refuse_stated(self, reason: str, *, of_files: bool = False) -> None:
         """Refuse options that only routes have.
 
         Parameters
         ----------
         reason : str
             Why they do not apply.
+        of_files : bool
+            Refuse those of files without a CRS and unit, and the choice of outlines, too.
         """
-        given = {
+        given: dict[str, object] = {
             "--autopilot": self.autopilot,
             "--area": self.area,
             "--dem": self.dem,
             "--speed": self.speed_m_s,
             "--return": self.returns or None,
         }
+        if of_files:
+            given |= {"--crs": self.crs, "--units": self.units, "--select": self.select or None}
         stated = [name for name, value in given.items() if value is not None]
         if stated:
-            raise ConfigError(f"{', '.join(stated)} goes with routes; {reason}, leave it out.")
+            other = "routes and files" if of_files else "routes"
+            raise ConfigError(f"{', '.join(stated)} goes with {other}; {reason}, leave it out.")
 
 
 class FoundRoute(NamedTuple):
@@ -172,7 +179,7 @@ class ExportRequest(RouteOptions):
         Argument(
             help="File to write. Routes: .geojson .gpkg .gpx .kml .kmz .plan (QGroundControl) .waypoints .csv .wkt; "
             "maps: .tif .asc .nc; points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …; "
-            "run folders and logs of watch: .mcap (path, landmarks, images and map for Foxglove and rerun)."
+            "run folders: .bag (ROS 1), .mcap (Foxglove and rerun; logs of watch too), worlds .sdf .glb .obj, and what --as names."
         ),
     ]
     rover: Annotated[
@@ -180,27 +187,37 @@ class ExportRequest(RouteOptions):
         Option(
             "--rover",
             help="Only this rover's legs, counted from 0. Without it, missions of several rovers are written "
-            "one file for each: survey_rover1.plan, survey_rover2.plan …",
+            "one file for each: survey_rover1.plan, survey_rover2.plan … Drives and worlds of a run: the rover.",
         ),
     ] = None
     holds: Annotated[
         str | None,
         Option(
             "--as",
-            help="What the file holds: route, raster, points, track or area; by default found in its content.",
+            help="What the file holds: route, raster, points, track or area; by default found in its content. Of a run "
+            "folder, what to write: ros2 (a folder, or .mcap), ros1, euroc, kitti (folders), foxglove, sdf, gltf, obj.",
         ),
     ] = None
     force: Annotated[bool, Option("--force", help="Replace an existing file.")] = False
 
+    @property
+    def run_format(self) -> RunFormat | None:
+        """Format in which a run is written; None for anything else, and for the route of a run."""
+        return None if self.holds in _KINDS else format_of_run(self.source, self.out, self.holds)
+
     def check(self) -> None:
-        """Refuse outputs that exist or are inputs, and names that are not known."""
-        inputs = with_companions([self.source, self.area, self.dem])
-        refuse_existing([self.out], force=self.force, inputs=inputs)
-        refuse_existing(companions_of_output(self.out), force=self.force, inputs=[self.source])
-        if self.holds not in (None, "route", "raster", "points", "track", "area"):
+        """Refuse outputs that exist or are inputs, names that are not known, and options that do not apply to runs."""
+        if self.holds not in (None, *_KINDS, *RUN_FORMAT_NAMES):
             raise ConfigError(
-                f"--as {self.holds} is not known; one of route, raster, points, track, area was expected."
+                f"--as {self.holds} is not known; one of {', '.join((*_KINDS, *RUN_FORMAT_NAMES))} was expected."
             )
+        found = self.run_format
+        if found is not None:
+            self.refuse_stated(f"the format {found.name} has no place for it", of_files=True)
+        inputs = with_companions([self.source, self.area, self.dem])
+        own = () if found is None else found.own
+        refuse_existing([self.out], force=self.force, inputs=inputs, own=own)
+        refuse_existing(companions_of_output(self.out), force=self.force, inputs=[self.source])
 
 
 @dataclass(frozen=True)
@@ -252,20 +269,22 @@ class ExportResult(Result):
 def preview_export(request: ExportRequest) -> Preview:
     """Read what would be converted and check it, and return what would be written."""
     request.check()
+    if (run_format := request.run_format) is not None:
+        opened = run_format.open(request.source, request.rover)
+        return Preview.of([request.out], left_out=opened.notes)
     kind = _kind_of(request)
     if kind == "route":
         route, around, notes = route_with_surroundings(request.source, request)
         parts = _checked_parts(route, around, request)
         return Preview.of(parts, left_out=notes)
-    if kind != "mcap":
-        with TemporaryDirectory() as folder:
-            _convert(request, kind, Path(folder) / request.out.name)
+    with TemporaryDirectory() as folder:
+        _convert(request, kind, Path(folder) / request.out.name)
     return Preview.of([request.out])
 
 
 @previewed_by(preview_export)
 def export(request: ExportRequest) -> ExportResult:
-    """Convert a route, map, track, area or set of points to the format that the name of the output states.
+    """Convert a route, map, track, area, set of points or run to the format that the name of the output states.
 
     Parameters
     ----------
@@ -285,9 +304,10 @@ def export(request: ExportRequest) -> ExportResult:
         Options that the content does not have.
     """
     request.check()
+    if (run_format := request.run_format) is not None:
+        opened = run_format.open(request.source, request.rover)
+        return ExportResult(request, lambda out: f"{out} written: {opened.write(out)}", opened.notes)
     source, kind = request.source, _kind_of(request)
-    if kind == "mcap":
-        return ExportResult(request, lambda out: _write_mcap(source, out))
     if kind != "route":
         return ExportResult(request, lambda out: _convert(request, kind, out))
     route, around, notes = route_with_surroundings(source, request)
@@ -300,9 +320,6 @@ def _kind_of(request: ExportRequest) -> str:
     from survey.interchange.conversion import kind_of
 
     source, out = request.source, request.out
-    if out.suffix.lower() == ".mcap" and (source.is_dir() or source.suffix == ".jsonl"):
-        request.refuse_stated("the file holds path, landmarks, images and map")
-        return "mcap"
     kind = "route" if source.is_dir() else request.holds or kind_of(source, out)
     if kind is not None and kind != "route":
         request.refuse_stated(f"{source.name} holds none")
@@ -345,18 +362,6 @@ def write_route(route: "survey.Route", around: "Surroundings", out: Path, rover:
     for file, part in parts.items():
         write_plan(route, file, rover=part, around=around)
     return f"{', '.join(str(file) for file in parts)} written"
-
-
-def _write_mcap(source: Path, out: Path) -> str:
-    """Write the MCAP file of a run, or of a survey that was watched."""
-    from survey.core.run_folder import RunFolder
-
-    with needs_live_extra():
-        from live.mcap_files import write_drive_mcap, write_run_mcap
-
-        is_run = source.is_dir()
-        counts = write_run_mcap(RunFolder.find(source), out) if is_run else write_drive_mcap(source, out)
-    return f"{out} written: " + ", ".join(f"{topic} {n}" for topic, n in counts.items())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -304,9 +304,15 @@ def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
 def companions_of_output(output: Path) -> list[Path]:
     """Return the files that a format of several files has beside its main file.
 
-    Returns: for ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS; none for other formats.
+    Returns: for ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS, for worlds their pictures and material;
+    none for other formats.
     """
-    suffixes = {".asc": (".prj",), ".shp": (".shx", ".dbf", ".prj", ".cpg")}.get(output.suffix.lower(), ())
+    suffixes = {
+        ".asc": (".prj",),
+        ".shp": (".shx", ".dbf", ".prj", ".cpg"),
+        ".sdf": (".heightmap.png", ".texture.png", ".normal.png"),
+        ".obj": (".mtl", ".texture.png"),
+    }.get(output.suffix.lower(), ())
     return [output.with_suffix(suffix) for suffix in suffixes]
 
 

@@ -72,6 +72,12 @@ def export(request: actions.ExportRequest, dry_run: DryRun = False) -> None:
 
       firnline export results/runs/short-drive/latest drive.mcap
 
+      firnline export results/runs/short-drive/latest drive --as ros2
+
+      firnline export results/runs/short-drive/latest drive --as euroc
+
+      firnline export results/runs/short-drive/latest site.sdf
+
       firnline export map.tif map.asc
 
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608

@@ -22,7 +22,7 @@ from sim.world.hazards import Hazard
 from survey import InputError, Recording, Truth
 from survey.core import FloatArray, replacing, write_json
 from survey.data.frames import Frames, Image
-from survey.interchange.tum_euroc import write_tum_list
+from survey.interchange.layouts import write_tum_list
 from survey.io.tables import write_table
 from survey.io.vector import write_features
 from vision_slam.odometry.odometer import VisualOdometry

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,18 +17,23 @@ if TYPE_CHECKING:
 @contextmanager
 def open_bag(place: Path, files: Sequence[Path] = ()) -> Iterator["AnyReader"]:
     """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS."""
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise InputError(
-            f"{place} is a bag, and reading it needs rosbags; install firnline[bags]."
-        ) from error
+    require_rosbags(f"{place} is a bag, and reading it")
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     with (
         refusing_damage(str(place), "bag", "record or copy it again"),
         AnyReader(list(files) or [place], default_typestore=get_typestore(Stores.LATEST)) as reader,
     ):
         yield reader
+
+
+def require_rosbags(what: str) -> None:
+    """Refuse what needs rosbags where it is not installed; `what` begins the sentence."""
+    try:
+        import_module("rosbags.highlevel")
+    except ImportError as error:
+        raise InputError(f"{what} needs rosbags; install firnline[bags].") from error
 
 
 _CLOUD = "sensor_msgs/msg/PointCloud2"

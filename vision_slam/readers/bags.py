@@ -153,6 +153,7 @@ _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _SAMPLED_EVERY = 10  # images that are checked for size and depth before any is used
 _MOST_NAMED = 8
 _BASES = ("base_footprint", "base_link")
+_TRUTH = "truth"  # in the names of topics of real poses, which no estimate may use
 
 
 def is_bag(path: Path) -> bool:
@@ -188,7 +189,7 @@ def read_bag(
     count as wheels: only the distance between them is used. Where ``/tf_static`` has the
     mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
     else the camera is assumed level and forward, and the inertial unit aligned with the body,
-    and a note is added. Messages that repeat a time or come late are left out, with a note. A bag without images
+    and a note is added. Topics of real poses (``truth`` in their names) are read only where they are named. Messages that repeat a time or come late are left out, with a note. A bag without images
     gives its odometry, inertial readings and fixes.
     """
     place = Path(path)
@@ -243,7 +244,7 @@ def _chosen_topics(connections: Sequence[Any], topics: Sequence[str], place: Pat
     taken: dict[str, str] = {}
     for kind, types in _KINDS.items():
         fitting = {connection.topic for connection in connections if connection.msgtype in types}
-        named = fitting.intersection(topics) or fitting
+        named = fitting.intersection(topics) or {topic for topic in fitting if _TRUTH not in topic}
         if kind == "calibration" and len(named) > 1 and "images" in taken:
             named = {topic for topic in named if _is_beside(topic, taken["images"])} or named
         if len(named) > 1:

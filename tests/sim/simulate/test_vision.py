@@ -18,7 +18,7 @@ from survey.data.grid import Grid
 from survey.data.recording import Recording
 from survey.data.route import Leg, Route
 from survey.data.truth import Truth
-from survey.interchange.tum_euroc import write_euroc
+from survey.interchange.layouts import write_euroc
 
 SIZE_M = 24.0
 
