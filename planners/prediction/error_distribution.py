@@ -128,7 +128,9 @@ class ErrorDistribution:
         low, high = 0.0, float(np.sqrt(max(part.mean for part in self.parts)) + self.shared_m)
         while self.probability(high) < probability:
             high *= 2.0
-        return float(brentq(lambda limit_m: self.probability(limit_m) - probability, low, high, xtol=_ROUNDING * high))
+        return float(
+            brentq(lambda limit_m: self.probability(limit_m) - probability, low, high, xtol=_ROUNDING * high)
+        )
 
     @cached_property
     def _weights(self) -> FloatArray:
@@ -464,9 +466,7 @@ class MapPredictor:
                 squared[k] += left.squared
         return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
 
-    def _groups(
-        self, xy: FloatArray, at: FloatArray, own_m2: FloatArray, most: int
-    ) -> Iterator[_Group]:
+    def _groups(self, xy: FloatArray, at: FloatArray, own_m2: FloatArray, most: int) -> Iterator[_Group]:
         """Yield all places together, or with more samples than `most` or many cells groups of them with those about each."""
         everywhere = np.arange(len(at))
         if len(xy) <= most and (self.cells is None or len(self.cells) <= _MOST_CELLS):

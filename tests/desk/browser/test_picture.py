@@ -230,6 +230,12 @@ def follow_a_drive(demo: DeskPage) -> None:
     )
 
 
+def close_the_drive(demo: DeskPage) -> None:
+    """Take the drive off the map and show the predicted error again."""
+    demo.page.evaluate("document.getElementById('watched-close').click()")
+    demo.page.check("#show-error")
+
+
 def driven_entries(workspace: Workspace) -> Iterator[dict]:
     """Yield the inputs of a watch: places of the plan's route with the heights of the terrain, a metre in a second."""
     plan = workspace.planner.exact(workspace.store.document).plan
@@ -248,6 +254,6 @@ STATES = {
     "compare": compare_plans,
     "runs": lambda _: None,
     "watch": follow_a_drive,
-    "measured": lambda demo: demo.page.click("#watched-close"),
+    "measured": close_the_drive,
     "files": lambda demo: demo.page.check("#show-slope"),
 }

@@ -30,7 +30,9 @@ def test_runs_are_watched_listed_and_compared(opened):
     assert not page.is_visible("#replay")
     assert page.locator("#show-replay-sigma").count() == 0
     page.locator(".run button", has_text="Drive").first.click()
-    opened.wait_for(lambda: "after 2 of 2" in page.inner_text("label[for=replay]"), "replay of an earlier run")
+    opened.wait_for(
+        lambda: "after 2 of 2" in page.inner_text("label[for=replay]"), "replay of an earlier run"
+    )
     check_replay(page)
     with page.context.expect_page() as report:
         page.click("#mission-result a")
