@@ -211,6 +211,6 @@ class FreeGround:
 
 
 @lru_cache(maxsize=8)
-def ground_of(polygon: Polygon | MultiPolygon) -> FreeGround:
+def shared_ground(polygon: Polygon | MultiPolygon) -> FreeGround:
     """Return the ground of a polygon; the steps of a plan, and plans of one area, share it with its network."""
     return FreeGround(polygon)

@@ -20,7 +20,7 @@ from planners.capacity import require_cells
 from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
 from planners.prediction.assumptions import roughness_elsewhere
 from planners.routes.rover import RoverLimits
-from planners.routes.shortest_paths import FreeGround, ground_of
+from planners.routes.shortest_paths import FreeGround, shared_ground
 from survey import Dem, InputError, Route, SurveyArea
 from survey.core import BoolArray, FloatArray
 from survey.reconstruction.prior import PRODUCTS, PriorErrors
@@ -340,7 +340,7 @@ def _reached(
     free: Polygon | MultiPolygon, area: SurveyArea, left_out: list[LeftOut]
 ) -> tuple[FreeGround, list[LeftOut]]:
     """Keep the parts with a start, or the largest one, and list the others as cut off."""
-    parts = sorted(shapely.get_parts(ground_of(free).inner), key=lambda part: -part.area)
+    parts = sorted(shapely.get_parts(shared_ground(free).inner), key=lambda part: -part.area)
     for x, y in area.starts:
         if not any(part.dwithin(shapely.Point(x, y), 0.01) for part in parts):
             why = [str(piece) for piece in left_out if piece.polygon.covers(shapely.Point(x, y))]
@@ -353,7 +353,7 @@ def _reached(
     away = [LeftOut(part, "cut off") for part in parts if part not in home and part.area > 1.0]
     if len(home) < len(parts):
         return FreeGround(_union(home)), away
-    return ground_of(reached[0] if len(reached) == 1 else _polygonal(shapely.union_all(reached))), away
+    return shared_ground(reached[0] if len(reached) == 1 else _polygonal(shapely.union_all(reached))), away
 
 
 def _same(one: Polygon | MultiPolygon, other: Polygon | MultiPolygon) -> bool:
