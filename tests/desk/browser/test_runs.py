@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks.desk_seen import SIZES, faults
 from live.watch.log import line_of
 from tests.desk.browser.test_access import violations
 from tests.desk.browser.test_planning import set_field
@@ -103,6 +104,11 @@ def test_a_drive_is_watched_while_it_goes_on_and_replayed(opened):
     assert page.is_checked("#show-watched-sigma")
     assert opened.faults == []
     assert violations(page) == []
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(250)
+        assert faults(page) == []
+    page.focus("#watched")
     page.keyboard.press("Home")
     page.click("#watched-play")
     opened.wait_until(f"{ROVER}[0] > {west + 5.0}")
