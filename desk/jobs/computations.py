@@ -131,7 +131,8 @@ def _report_map(event: dict[str, Any], watch: SurveyWatch, top_m: float | None, 
         return top_m
     n_swaths = sum(leg.kind == "swath" for leg in watch.progress.driven)
     of = sum(leg.kind == "swath" for leg in watch.legs)
-    layers = layers_of(*(Dem.on(watch.grid, field) for field in watch.latest_map), top_m)
+    mean, std = (Dem.on(watch.grid, field) for field in watch.latest_map)
+    layers = layers_of(mean, std, top_m)
     rmse_m, time_s = event["expected_rmse_m"], event["time_s"]
     job.report("grown", time_s=time_s, swaths=n_swaths, of=of, rmse_m=rmse_m, **layers)
     return float(layers["sigma"]["limits"][1])
