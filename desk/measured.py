@@ -10,7 +10,7 @@ from typing import Any, cast
 from pyproj import CRS
 
 from desk.plan.dropped import SIGMA_M, thinned_points
-from desk.runs import map_layers
+from desk.runs import layers_of
 from firnline.actions import ScoreRequest, score
 from firnline.actions.guaranteeing import swath_advice
 from firnline.actions.mapping import reconstruct
@@ -112,7 +112,7 @@ def measured_map(
         "sentences": sentences,
         "commands": commands,
         "folder": str(options.out),
-        **map_layers(made.reconstruction),
+        **layers_of(made.reconstruction.mean, made.reconstruction.std),
     }
 
 

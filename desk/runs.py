@@ -112,21 +112,14 @@ def difference_layer(one: RunFolder, other: RunFolder, crs: CRS) -> dict[str, An
     return _signed(Dem.on(first.grid(), values), "Difference of the maps") | {"rms_m": rms_m}
 
 
-def map_layers(map_: Reconstruction) -> dict[str, dict[str, Any]]:
-    """Return elevation and standard deviation of a map as pictures.
-
-    Returns: ``elevation`` and ``sigma``, as for `run_layer`.
-    """
-    return layers_of(map_.mean, map_.std)
-
-
-def layers_of(mean: Dem, std: Dem) -> dict[str, dict[str, Any]]:
+def layers_of(mean: Dem, std: Dem, top_m: float | None = None) -> dict[str, dict[str, Any]]:
     """Return elevation and standard deviation as pictures.
 
-    `mean`, `std`: heights and their standard deviations [m]. Returns: ``elevation`` and ``sigma``, as for
+    `mean`, `std`: heights and their standard deviations [m]. `top_m`: deviation at the end of the colours, by default
+    one that few values exceed; maps of one survey that grows share it. Returns: ``elevation`` and ``sigma``, as for
     `run_layer`.
     """
-    return {"elevation": _elevation(mean), "sigma": _sigma(std)}
+    return {"elevation": _elevation(mean), "sigma": _sigma(std, top_m)}
 
 
 def _elevation(mean: Dem) -> dict[str, Any]:
@@ -135,8 +128,8 @@ def _elevation(mean: Dem) -> dict[str, Any]:
     return picture(mean, ELEVATION, low, high) | {"title": "Elevation of the map", "ends": ends}
 
 
-def _sigma(std: Dem) -> dict[str, Any]:
-    top = colour_limit(std.elevation)
+def _sigma(std: Dem, top_m: float | None = None) -> dict[str, Any]:
+    top = colour_limit(std.elevation) if top_m is None else top_m
     ends = ["0 m", f"{top:g} m or more"]
     return picture(std, DEVIATION, 0.0, top) | {"title": "Standard deviation of the map", "ends": ends}
 

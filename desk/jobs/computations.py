@@ -103,7 +103,7 @@ def watched(file: Path, crs: CRS, job: Job) -> dict[str, Any]:
         raise InputError(
             f"there is no log {file.name} beside the plan; start firnline watch with --log {file.name}."
         )
-    text, watch = "", None
+    text, watch, n_samples, top_m = "", None, 0, None
     for line in _log_lines(file, job):
         with refusing_damage(file.name, "log of firnline watch", "name another one"):
             entry = parse_json(line, file.name, "name another one")
@@ -111,23 +111,31 @@ def watched(file: Path, crs: CRS, job: Job) -> dict[str, Any]:
                 watch = watch_of(entry)
                 same_crs(crs, watch.area.crs, "the desk and the survey")
             events = entered(watch, entry) if "in" in entry else []
+        if len(watch.samples) > n_samples:
+            n_samples, last = len(watch.samples), watch.samples[-1]
+            place = [round(last.x_m, 2), round(last.y_m, 2)]
+            job.report("rover", time_s=last.time_s, place=place, battery=last.battery)
         for event in events:
-            text = _reported(event, watch, job)
+            text = text_of(event)
+            job.report("watch", text=text, do=event.get("do", ""))
+            if event["event"] == "map":
+                top_m = _report_map(event, watch, top_m, job)
         if watch.is_stopped:
             break
     return {"sentence": text}
 
 
-def _reported(event: dict[str, Any], watch: SurveyWatch, job: Job) -> str:
-    """Report an event, and the map after an update."""
-    text = text_of(event)
-    job.report("watch", text=text, do=event.get("do", ""))
-    if event["event"] == "map" and watch.latest_map is not None:
-        n_swaths = sum(leg.kind == "swath" for leg in watch.progress.driven)
-        of = sum(leg.kind == "swath" for leg in watch.legs)
-        fields = (Dem.on(watch.grid, field) for field in watch.latest_map)
-        job.report("grown", swaths=n_swaths, of=of, **layers_of(*fields))
-    return text
+def _report_map(event: dict[str, Any], watch: SurveyWatch, top_m: float | None, job: Job) -> float | None:
+    """Report the map after an update in the colours of the first one; return the deviation at their end [m]."""
+    if watch.latest_map is None:
+        return top_m
+    n_swaths = sum(leg.kind == "swath" for leg in watch.progress.driven)
+    of = sum(leg.kind == "swath" for leg in watch.legs)
+    mean, std = (Dem.on(watch.grid, field) for field in watch.latest_map)
+    layers = layers_of(mean, std, top_m)
+    rmse_m, time_s = event["expected_rmse_m"], event["time_s"]
+    job.report("grown", time_s=time_s, swaths=n_swaths, of=of, rmse_m=rmse_m, **layers)
+    return float(layers["sigma"]["limits"][1])
 
 
 def _log_lines(file: Path, job: Job) -> Iterator[str]:

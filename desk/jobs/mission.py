@@ -1,4 +1,4 @@
-"""Run of the mission of a plan: its stages, the latest image, and the map as it grows."""
+"""Run of the mission of a plan: its stages, the latest image, and the drive with its map as it grows."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -10,14 +10,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from desk.jobs.job import CancelledError, Job
-from desk.runs import map_layers
+from desk.runs import layers_of
 from firnline.actions.runs import logged_to, summary
 from firnline.actions.scoring import best_class
+from planners import prior_model
 from sim.mission.fleet import drive_folders
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission
 from sim.world.site import SharedWorld
 from survey import (
+    Dem,
     GaussianProcessConfig,
     Grid,
     Route,
@@ -27,11 +29,12 @@ from survey import (
     Truth,
     reconstruct,
 )
-from survey.core.arrays import IntArray
+from survey.core.arrays import FloatArray, IntArray
 from survey.core.run_folder import STAGES, RunFolder
+from survey.data.frames import Frames
 from survey.reconstruction.gp.kernels import Kernel
 
-_MOST_PLACES = 1500
+_MOST_PLACES, _MOST_IMAGES = 1500, 400
 
 
 def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str, Any]:
@@ -47,10 +50,13 @@ def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str
         with watched_frames(run.path, lambda frame: _show(frame, job)) if is_seen else nullcontext():
             yield
         if stage == "localize":
-            _report_drive(run, kernel, job)
+            report_drive(run, kernel, job)
 
+    is_driven = run.has("localize")
     with logged_to(run.log_file, 0):
         run_mission(mission, run, watch=watch, workers=1, world=world)
+    if is_driven:
+        report_drive(run, kernel, job)
     content = summary(run)
     job.files["report"] = run.folder("report")
     score = content["score"]
@@ -71,21 +77,63 @@ def _show(frame: Path, job: Job) -> None:
         job.report("frame", number=int(frame.stem))
 
 
-def _report_drive(run: RunFolder, kernel: Kernel | None, job: Job) -> None:
-    """Report true and estimated paths, and the map after some of the swaths."""
+def replayed_run(run: RunFolder, job: Job) -> dict[str, Any]:
+    """Report the drive of a finished run, with the map as it grew.
+
+    The covariance is fitted to the prior of the run, as for a plan. Returns: nothing.
+    """
+    job.report("stage", stage="fitting the covariance to the prior", done=0, total=2)
+    place = run.folder("plan")
+    model = prior_model(Dem.read(place / "prior.tif"), SurveyArea.read(place / "area.gpkg"))
+    report_drive(run, None if model is None else model.posterior.likeliest.kernel, job)
+    return {}
+
+
+def report_drive(run: RunFolder, kernel: Kernel | None, job: Job) -> None:
+    """Report true and estimated paths, when images were taken, and the map after some of the swaths."""
     area = SurveyArea.read(run.folder("plan") / "area.gpkg")
-    true = [Truth.read(place / "truth").trajectory for place in drive_folders(run.folder("simulate"))]
-    files = [place / "trajectory.csv" for place in drive_folders(run.folder("localize"))]
-    estimated = [Trajectory.read(file, area.crs) for file in files]
-    job.report("driven", estimated=_places(estimated), true=_places(true))
-    for grown in growing_maps(run, kernel) if kernel is not None else ():
+    simulated, localized = drive_folders(run.folder("simulate")), drive_folders(run.folder("localize"))
+    paths = [Trajectory.read(place / "trajectory.csv", area.crs) for place in localized]
+    job.files["images"] = [place / "recording" / "frames" for place in simulated]
+    rovers = [
+        _driven(path, Truth.read(place / "truth").trajectory) | {"images": _images(images)}
+        for path, place, images in zip(paths, simulated, job.files["images"], strict=True)
+    ]
+    job.report("driven", rovers=rovers)
+    for grown in growing_maps(run, paths, kernel) if kernel is not None else ():
         job.report("grown", **grown)
 
 
-def _places(paths: Sequence[Trajectory]) -> list[list[list[float]]]:
-    """Return the places of paths, thinned for the map."""
-    places = [path.position[:, :2] for path in paths]
-    return [path[:: max(1, len(path) // _MOST_PLACES)].round(2).tolist() for path in places]
+def _driven(path: Trajectory, true: Trajectory) -> dict[str, Any]:
+    """Return times [s], estimated and true places [m], and the ellipse of 95 % of each: half axes [m] and the angle of the first [rad].
+
+    The ellipse holds the share P of a normal distribution where its squared distance is −2 ln(1 − P).
+    """
+    kept = _spread(len(path), _MOST_PLACES)
+    time_s = path.time_s[kept]
+    real = [np.interp(time_s, true.time_s, true.position[:, axis]) for axis in (0, 1)]
+    variances, axes = np.linalg.eigh(path.covariance[kept, :2, :2])
+    half_m = np.sqrt(-2.0 * np.log(0.05) * variances.clip(0.0))
+    ellipses = np.column_stack([half_m[:, ::-1], np.arctan2(axes[:, 1, 1], axes[:, 0, 1])])
+    return {
+        "time_s": time_s.round(2).tolist(),
+        "places": path.position[kept, :2].round(2).tolist(),
+        "true": np.column_stack(real).round(2).tolist(),
+        "ellipses": ellipses.round(4).tolist(),
+    }
+
+
+def _spread(n: int, most: int) -> IntArray:
+    """Return the numbers of at most so many of n items, the first and the last among them."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+
+
+def _images(folder: Path) -> list[list[float]]:
+    """Return times [s] and numbers of images of a drive, thinned; none of a drive without images."""
+    if not (folder / "frames.csv").exists():
+        return []
+    time_s = Frames.read(folder).time_s
+    return [[round(float(time_s[k]), 2), int(k)] for k in _spread(len(time_s), _MOST_IMAGES)]
 
 
 _MOST_MAPS = 12
@@ -94,30 +142,42 @@ _NODES_ALONG = 36
 _SAMPLE_STEP_M = 2.0
 
 
-def growing_maps(run: RunFolder, kernel: Kernel) -> Iterator[dict[str, Any]]:
+def growing_maps(run: RunFolder, paths: Sequence[Trajectory], kernel: Kernel) -> Iterator[dict[str, Any]]:
     """Map the landmarks of the first swaths, and of more swaths each time, on a coarse grid.
 
-    Yields: ``swaths`` that were driven ``of`` all, and the pictures ``elevation`` and ``sigma``. The final
-    map of the run is made from all landmarks and finer.
+    `paths`: of each rover. Yields: ``swaths`` that were driven ``of`` all until ``time_s``, the expected ``rmse_m``, and the
+    pictures ``elevation`` and ``sigma`` in the colours of the first one. The final map of the run is made from all
+    landmarks and finer.
     """
     area = SurveyArea.read(run.folder("plan") / "area.gpkg")
     route = Route.read(run.folder("simulate") / "driven_route.geojson")
     places = drive_folders(run.folder("localize"))
     parts = [SurfacePoints.read(place / "surface_points.gpkg") for place in places]
     xyz, sigma = np.vstack([part.xyz for part in parts]), np.concatenate([part.sigma_z for part in parts])
-    swath = _swath_of(route, xyz[:, :2])
+    ended_s = np.array([_ended_s(paths[leg.rover], leg.xy[-1]) for leg in route.swaths])
+    rank, ended_s = np.argsort(np.argsort(ended_s, kind="stable")), np.sort(ended_s)
+    swath = rank[_swath_of(route, xyz[:, :2])]
     xmin, ymin, xmax, ymax = area.bounds
     grid = Grid.over(area.bounds, max(xmax - xmin, ymax - ymin) / _NODES_ALONG, area.crs)
     config = GaussianProcessConfig(fit=False, kernel=kernel)
-    n_swaths = len(route.swaths)
-    for n in np.unique(np.linspace(1, n_swaths, min(n_swaths, _MOST_MAPS)).round().astype(int)):
+    n_swaths, top_m = len(route.swaths), None
+    for n in 1 + _spread(n_swaths, _MOST_MAPS):
         chosen = np.flatnonzero(swath < n)
         chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POINTS))]
         if len(chosen) < 3:
             continue
         points = SurfacePoints(xyz[chosen], sigma_m=sigma[chosen], crs=area.crs)
         map_ = reconstruct(points, grid, method="dense", config=config, area=area)
-        yield {"swaths": int(n), "of": n_swaths, **map_layers(map_)}
+        layers = layers_of(map_.mean, map_.std, top_m)
+        top_m = layers["sigma"]["limits"][1]
+        inside = map_.std.elevation.ravel()[area.contains(grid.xy)]
+        rmse_m = float(np.sqrt(np.nanmean(inside**2)))
+        yield {"time_s": float(ended_s[n - 1]), "swaths": int(n), "of": n_swaths, "rmse_m": rmse_m, **layers}
+
+
+def _ended_s(path: Trajectory, end: FloatArray) -> float:
+    """Return the time at which a path is nearest to the end (2,) of a swath [s]."""
+    return float(path.time_s[np.argmin(np.hypot(*(path.position[:, :2] - end).T))])
 
 
 def _swath_of(route: Route, xy: Any) -> IntArray:

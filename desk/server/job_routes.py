@@ -21,10 +21,20 @@ from survey.core import ConfigError, FloatArray, InputError, Section, stream, va
 Work = Callable[[Job], dict[str, Any]]
 
 
-def work_of(workspace: Workspace, kind: str) -> Work:
-    """Return the computation of a kind of job."""
+def work_of(workspace: Workspace, given: "JobRequest") -> Work:
+    """Return the computation that is asked for."""
+    if given.kind == "replay":
+        return _replay(workspace, given.run)
     document = workspace.store.document
-    return lambda job: _WORKS[kind](workspace, document, job)
+    return lambda job: _WORKS[given.kind](workspace, document, job)
+
+
+def _replay(workspace: Workspace, name: str) -> Work:
+    from desk.jobs.mission import replayed_run
+    from desk.runs import found_runs, run_named
+
+    run = run_named(found_runs(workspace.folder, workspace.opened_run), name)
+    return lambda job: replayed_run(run, job)
 
 
 def _guarantee(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, Any]:
@@ -109,15 +119,17 @@ _WORKS: dict[str, Callable[[Workspace, PlanDocument, Job], dict[str, Any]]] = {
 class JobRequest(Section):
     """Job that the page asks for."""
 
-    kind: Literal["guarantee", "curve", "mission", "map", "next", "watch"]
+    kind: Literal["guarantee", "curve", "mission", "map", "next", "watch", "replay"]
     """What is to be computed, of the document as it stands."""
+    run: str = ""
+    """Run that is replayed."""
 
 
 async def start(request: Request) -> Response:
     """Start a job of the document as it stands."""
     workspace: Workspace = request.app.state.workspace
     given = validated(JobRequest, await body_of(request), "the request")
-    job = workspace.jobs.start(work_of(workspace, given.kind))
+    job = workspace.jobs.start(work_of(workspace, given))
     return JSONResponse({"job": job.name}, 201)
 
 
@@ -141,11 +153,15 @@ def cancel(request: Request) -> Response:
 
 
 def frame(request: Request) -> Response:
-    """Answer with the latest image of a run that is being simulated."""
+    """Answer with an image of the first rover of a run: the latest one while it is simulated, one by its number after."""
     job = request.app.state.workspace.jobs.find(request.path_params["job"])
+    number = request.query_params.get("number", "")
     image = job.files.get("frame")
+    if number.isdecimal() and len(number) < 10 and "images" in job.files:
+        file = job.files["images"][0] / f"{int(number):06d}.png"
+        image = file.read_bytes() if file.is_file() else None
     if image is None:
-        return PlainTextResponse("There is no image yet.", 404)
+        return PlainTextResponse("There is no such image.", 404)
     return Response(image, media_type="image/png")
 
 

@@ -206,7 +206,7 @@ def _map(entry: dict[str, Any]) -> str:
 def _advice(entry: dict[str, Any]) -> str:
     asked = f"RMSE of {entry['limit_m']:.4g} m holds with {entry['probability']:.0%}"
     if entry["do"] == "stop":
-        return f"STOP: the {asked}; {entry['class']}"
+        return f"STOP: the {asked}; {entry['class'] or 'no class yet'}"
     if entry["do"] == "give up":
         return f"GIVE UP: the {asked}, and no further swaths would suffice"
     return (

@@ -17,7 +17,7 @@ from planners.patterns.lawnmower import LawnmowerConfig
 from planners.patterns.wavy import WavyConfig, wavy
 from planners.planning import plan
 from planners.routes.rover import Rover
-from planners.routes.shortest_paths import FreeGround
+from planners.routes.shortest_paths import FreeGround, shared_ground
 from planners.swaths.decomposition import clip_lines
 from planners.swaths.heading import across_marked_grain
 from planners.swaths.reference_lines import axes_of, shortened, shortest_m
@@ -46,7 +46,7 @@ class SurveyLines:
     @cached_property
     def ground(self) -> FreeGround:
         """The free ground with its ways."""
-        return FreeGround(self.area.free)
+        return shared_ground(self.area.free)
 
     def swath(self, offset_m: float, spacing_m: float, wavelength_m: float) -> list[FloatArray]:
         """Return what is driven (N, 2) on the line at an offset, piece by piece along the line [m]."""

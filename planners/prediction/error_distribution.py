@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
+from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
@@ -45,7 +46,7 @@ from survey.reconstruction.level import TIES
 
 _FREEDOM = 4.0
 _N_FACTORS = 28
-_N_BISECTIONS = 40
+_ROUNDING = 1e-12
 _N_MERGED = 400
 _LEAST_SPREAD = 1e-6
 
@@ -127,10 +128,9 @@ class ErrorDistribution:
         low, high = 0.0, float(np.sqrt(max(part.mean for part in self.parts)) + self.shared_m)
         while self.probability(high) < probability:
             high *= 2.0
-        for _ in range(_N_BISECTIONS):
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if self.probability(middle) >= probability else (middle, high)
-        return high
+        return float(
+            brentq(lambda limit_m: self.probability(limit_m) - probability, low, high, xtol=_ROUNDING * high)
+        )
 
     @cached_property
     def _weights(self) -> FloatArray:
@@ -296,6 +296,9 @@ _LEAST_RATIO = 4e-9
 # Maps of more samples or cells are predicted group by group of places, each from so many samples near it; the radius of a
 # group is at most a share of theirs. Samples of a long route are no nearer than a share of the distance between lines.
 _MOST_AT_ONCE, _MOST_CELLS = 1000, 500
+# Pictures of the variance have many places: groups take a fifth of the time, and differ by 0.4 % of the deviation at most
+# on the sample site of 1 km². Without cells of a prior few samples leave the mean of the terrain less well known.
+_MOST_FOR_PICTURES = 300
 _N_NEAR, _NEAR_SHARE = 120, 0.4
 _SHARE_OF_GAP = 0.125
 
@@ -451,7 +454,8 @@ class MapPredictor:
         posterior = posterior.with_noise_times(1.0 / float(np.sqrt(thin)))
         variance, noise = np.empty((n_kernels, len(at))), np.empty((n_kernels, len(at)))
         squared = np.zeros(n_kernels)
-        for group in self._groups(xy, at, own_m2):
+        most = _MOST_FOR_PICTURES if only_variance and self.cells is not None else _MOST_AT_ONCE
+        for group in self._groups(xy, at, own_m2, most):
             seen: dict[object, _Seen] = {}
             for k, one in enumerate(posterior.kernels):
                 key = one.correlation_key
@@ -462,10 +466,10 @@ class MapPredictor:
                 squared[k] += left.squared
         return [_Left(*each) for each in zip(variance, noise, squared.tolist(), strict=True)]
 
-    def _groups(self, xy: FloatArray, at: FloatArray, own_m2: FloatArray) -> Iterator[_Group]:
-        """Yield all places together, or groups of them with the samples and cells about each."""
+    def _groups(self, xy: FloatArray, at: FloatArray, own_m2: FloatArray, most: int) -> Iterator[_Group]:
+        """Yield all places together, or with more samples than `most` or many cells groups of them with those about each."""
         everywhere = np.arange(len(at))
-        if len(xy) <= _MOST_AT_ONCE and (self.cells is None or len(self.cells) <= _MOST_CELLS):
+        if len(xy) <= most and (self.cells is None or len(self.cells) <= _MOST_CELLS):
             yield _Group(everywhere, xy, own_m2, self.cells)
             return
         tree, waiting = cKDTree(xy), [everywhere]

@@ -6,7 +6,7 @@ when a way is first asked for: most routes on open ground need none).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from planners.routes.visibility import Bends, Links, Network, Walls
 
 
+def _rings(ground: Polygon | MultiPolygon) -> list[int]:
+    """Return the number of rings of each part."""
+    return [1 + int(shapely.get_num_interior_rings(part)) for part in shapely.get_parts(ground)]
+
+
 def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
     """Return the first and last points (2 N, 2) of the swaths, swath by swath."""
     return np.array([[swath[0], swath[-1]] for swath in swaths], dtype=np.float64).reshape(-1, 2)
@@ -27,6 +32,8 @@ def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
 
 MARGIN_M = 1e-3
 """Waypoints keep this distance from slanted borders, so that rounding puts none outside [m]."""
+MANY_CORNERS, _SIMPLER_M = 2000, 0.1
+"""Corners of the ground above which ways are searched on a simpler outline, and how much may be cut off there [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +44,8 @@ class FreeGround:
 
     Shortest ways bend at reflex corners only, which are moved `MARGIN_M` into the ground;
     they are therefore longer than the true shortest ones by about that much per bend.
-    Passages narrower than two margins count as closed.
+    Passages narrower than two margins count as closed. On ground of more than `MANY_CORNERS` they bend at the corners of
+    `outline`, less than 0.2 m from the border.
 
     >>> wall = shapely.box(40.0, 0.0, 60.0, 90.0)
     >>> ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 100.0) - wall)
@@ -73,6 +81,20 @@ class FreeGround:
         """Pieces of ground that no way joins, the largest first."""
         pieces = sorted(shapely.get_parts(self.inner), key=lambda part: -part.area)
         return tuple(pieces)
+
+    @cached_property
+    def outline(self) -> "FreeGround":
+        """Ground of fewer corners within this one, on which ways are searched; itself where it has few.
+
+        It is the ground less a border, simplified by no more than that, and lies within the ground: this is tested, as is
+        that no part and no hole is lost.
+        """
+        if shapely.get_num_coordinates(self.polygon) <= MANY_CORNERS:
+            return self
+        shrunk = self.polygon.buffer(-_SIMPLER_M, join_style="mitre")
+        simpler = shapely.simplify(shrunk, 0.9 * _SIMPLER_M, preserve_topology=False)
+        is_within = simpler.is_valid and _rings(simpler) == _rings(self.polygon) and self.covers(simpler)
+        return FreeGround(simpler) if is_within else self
 
     @cached_property
     def origin(self) -> FloatArray:
@@ -135,6 +157,9 @@ class FreeGround:
 
     def network(self, xy: FloatArray) -> "Network":
         """Return the network of ways between points (N, 2), which must be inside."""
+        return self._network(xy) if self.outline is self else self.outline._network(self.outline.inside(xy))
+
+    def _network(self, xy: FloatArray) -> "Network":
         from planners.routes.visibility import Network, sights
 
         points = np.ascontiguousarray(xy - self.origin)
@@ -162,6 +187,12 @@ class FreeGround:
         from planners.routes.visibility import way
 
         length, points = way(a, b, network)
+        if self.outline is not self:
+            if np.isfinite(length):
+                found = self._with_ends(ends[a], points + self.outline.origin, ends[b])
+                if self.covers(LineString(found)):
+                    return found
+            length, points = way(0, 1, self._network(self.inside(straight)))
         if not np.isfinite(length):
             raise InputError(
                 f"no way leads from ({ends[a, 0]:.1f}, {ends[a, 1]:.1f}) to ({ends[b, 0]:.1f}, {ends[b, 1]:.1f}); "
@@ -177,3 +208,9 @@ class FreeGround:
         full = np.vstack([tail, last])
         keep = np.r_[True, np.hypot(*np.diff(full, axis=0).T) > 0.0]
         return full[keep]
+
+
+@lru_cache(maxsize=8)
+def shared_ground(polygon: Polygon | MultiPolygon) -> FreeGround:
+    """Return the ground of a polygon; the steps of a plan, and plans of one area, share it with its network."""
+    return FreeGround(polygon)

@@ -20,7 +20,7 @@ from planners.capacity import require_cells
 from planners.config import dem_in_grid_metres, in_grid_metres, settings_factor
 from planners.prediction.assumptions import roughness_elsewhere
 from planners.routes.rover import RoverLimits
-from planners.routes.shortest_paths import FreeGround
+from planners.routes.shortest_paths import FreeGround, shared_ground
 from survey import Dem, InputError, Route, SurveyArea
 from survey.core import BoolArray, FloatArray
 from survey.reconstruction.prior import PRODUCTS, PriorErrors
@@ -227,7 +227,7 @@ class Drivable:
 
     def within(self, area: SurveyArea) -> SurveyArea:
         """Return the area cut to the ground."""
-        if self.ground.polygon.equals(area.free):
+        if _same(self.ground.polygon, area.free):
             return area
         starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
         return SurveyArea(self.ground.polygon, area.crs, (), starts, area.reference)
@@ -330,7 +330,7 @@ def _free_within(limits: RoverLimits, dem: Dem | None, area: SurveyArea) -> _Fre
         within.narrow(limits.clearance_m)
     if limits.turning_room_m > 0.0:
         within.open(limits.turning_room_m)
-    if not within.free.equals(area.free):
+    if not _same(within.free, area.free):
         # Where borders cross, rounding may put a new corner outside the old border.
         within.free = _polygonal(within.free.buffer(-_ROUNDING_M, join_style="mitre"))
     return within
@@ -340,7 +340,7 @@ def _reached(
     free: Polygon | MultiPolygon, area: SurveyArea, left_out: list[LeftOut]
 ) -> tuple[FreeGround, list[LeftOut]]:
     """Keep the parts with a start, or the largest one, and list the others as cut off."""
-    parts = sorted(shapely.get_parts(FreeGround(free).inner), key=lambda part: -part.area)
+    parts = sorted(shapely.get_parts(shared_ground(free).inner), key=lambda part: -part.area)
     for x, y in area.starts:
         if not any(part.dwithin(shapely.Point(x, y), 0.01) for part in parts):
             why = [str(piece) for piece in left_out if piece.polygon.covers(shapely.Point(x, y))]
@@ -351,9 +351,14 @@ def _reached(
     home = home or parts[:1]
     reached = [part for part in shapely.get_parts(free) if any(part.intersects(h) for h in home)]
     away = [LeftOut(part, "cut off") for part in parts if part not in home and part.area > 1.0]
-    return FreeGround(
-        _polygonal(shapely.union_all(reached)) if len(home) == len(parts) else _union(home)
-    ), away
+    if len(home) < len(parts):
+        return FreeGround(_union(home)), away
+    return shared_ground(reached[0] if len(reached) == 1 else _polygonal(shapely.union_all(reached))), away
+
+
+def _same(one: Polygon | MultiPolygon, other: Polygon | MultiPolygon) -> bool:
+    """Return whether two shapes are the same ground; the topology of long outlines is compared only where corners differ."""
+    return bool(shapely.equals_identical(one, other)) or bool(one.equals(other))
 
 
 def _union(parts: list[Polygon]) -> Polygon | MultiPolygon:

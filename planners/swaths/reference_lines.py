@@ -117,15 +117,23 @@ def stretch_lengths(ground: Any, heading_deg: float, offsets: FloatArray) -> lis
     """
     along, left = axes_of(heading_deg)
     xy, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(ground)), return_index=True)
-    u, v, is_edge = xy @ along, xy @ left, np.diff(ring) == 0
+    u, v = xy @ along, xy @ left
+    ordered = np.sort(offsets)
+    below = np.searchsorted(ordered, v)
+    not_above = below + (ordered.take(below, mode="clip") == v)
+    # Edges that no line meets are left out before the lines are taken one by one.
+    is_met = (below[:-1] != below[1:]) | (not_above[:-1] != not_above[1:])
+    met = np.flatnonzero(is_met & (np.diff(ring) == 0))
+    u, v = (np.column_stack([values[met], values[met + 1]]) for values in (u, v))
     found = []
     for offset in offsets:
+        touches = bool((v == offset).any())
         sides = []
-        for above in (v > offset, v >= offset):
-            k = np.flatnonzero((above[:-1] != above[1:]) & is_edge)
-            at = u[k] + (offset - v[k]) / (v[k + 1] - v[k]) * (u[k + 1] - u[k])
+        for above in (v > offset, v >= offset)[: 1 + touches]:
+            k = above[:, 0] != above[:, 1]
+            at = u[k, 0] + (offset - v[k, 0]) / (v[k, 1] - v[k, 0]) * (u[k, 1] - u[k, 0])
             sides.append(np.sort(at).reshape(-1, 2))
-        begins, ends = _joined(np.vstack(sides)).T
+        begins, ends = (_joined(np.vstack(sides)) if touches else sides[0]).T
         found.append(ends - begins)
     return found
 

@@ -16,7 +16,7 @@ import shapely
 from planners.config import SwathConfig
 from planners.routes.fleet import share
 from planners.routes.rover import Crew, Rover, homes_of
-from planners.routes.shortest_paths import FreeGround
+from planners.routes.shortest_paths import FreeGround, shared_ground
 from planners.routes.turns import headland_m
 from planners.steering import SteeredConfig
 from planners.swaths.decomposition import clip_lines, swaths_on, without_headland
@@ -66,7 +66,7 @@ def _with_heading(area: SurveyArea, config: SwathConfig, crew: Crew) -> SwathCon
     """Return the configuration with the heading that its rule gives."""
     if config.heading_deg is not None:
         return config
-    ground = FreeGround(area.free)
+    ground = shared_ground(area.free)
     if config.heading_rule == "narrowest":
         heading_deg = undivided_heading(ground, config, crew.rover.turn_m)
     else:
@@ -95,7 +95,7 @@ def _laid_on(
 
     The swath of a pocket beside a line is a piece of this line: there are as many lines as were asked for.
     """
-    ground, heading_deg, spacing_m = FreeGround(area.free), lines.heading_deg, lines.spacing_m
+    ground, heading_deg, spacing_m = shared_ground(area.free), lines.heading_deg, lines.spacing_m
     room_m = headland_m(rover, spacing_m)
     laid, _ = lines_over(without_headland(ground, room_m), config, heading_deg, rover.turn_m)
     axes = swaths_on(ground, spacing_m, heading_deg, lines=laid, headland_m=room_m)
@@ -127,7 +127,7 @@ def join_swaths(
     """
     from planners.routes.tours import connect
 
-    ground = FreeGround(area.free)
+    ground = shared_ground(area.free)
     clipped = [
         Swath(xy, swath.axis) for swath in swaths for xy in clip_lines(ground, [swath.xy]) if len(xy) > 1
     ]

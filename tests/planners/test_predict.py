@@ -99,6 +99,21 @@ def test_long_routes_are_predicted_from_the_samples_near_each_place():
     assert model.rmse_m(route, 150) == pytest.approx(model.rmse_m(route), rel=0.08)
 
 
+def test_pictures_are_predicted_from_the_samples_near_each_place(monkeypatch):
+    """At the places of a picture, from those about each; the errors that are stated are those from all samples."""
+    grid = Grid((0.0, 0.0, 600.0, 600.0), 10.0, CRS)
+    dem = squared_exponential_field(grid, np.random.default_rng(3), length_scale_m=150.0)
+    route = plan(SITE, None, LawnmowerConfig(swaths=8))
+    model = ErrorModel.from_prior(SITE, dem.block_mean(60.0))
+    near = model.error(route)
+    monkeypatch.setattr("planners.prediction.error_distribution._MOST_FOR_PICTURES", 1000)
+    every = model.error(route)
+    assert len(model._samples(route, None)[0]) > 400
+    assert near.rmse_m == every.rmse_m
+    assert not np.array_equal(near.std.elevation, every.std.elevation)
+    np.testing.assert_allclose(near.std.elevation, every.std.elevation, rtol=0.01)
+
+
 def test_few_good_samples_stand_for_many_on_long_routes():
     route = plan(SITE, None, LawnmowerConfig(swaths=6))
     few = ErrorModel.of(SITE, KERNEL, noise_m=0.3, sample_step_m=5.0)

@@ -1,7 +1,7 @@
 """Shortest ways through free ground, against known answers and an independent search."""
 
 import heapq
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -113,3 +113,43 @@ class TestRefusals:
     def test_no_swaths(self) -> None:
         with pytest.raises(InputError, match="no swaths"):
             connect([], FreeGround(BOX))
+
+
+def bumpy_ring(n_corners: int) -> Polygon:
+    """Return a ring about a hole, both with 300 bumps of half a metre."""
+    angle = np.linspace(0.0, 2.0 * np.pi, n_corners, endpoint=False)
+    bumps = 0.5 * np.sin(300.0 * angle)
+    outer, inner = (
+        np.column_stack([np.cos(angle), np.sin(angle)]) * (r + bumps)[:, None] for r in (200.0, 120.0)
+    )
+    return Polygon(outer, [inner])
+
+
+def test_ways_on_an_outline_of_many_corners_stay_on_the_ground_and_are_nearly_as_short(monkeypatch) -> None:
+    ground = bumpy_ring(6000)
+    free = FreeGround(ground)
+    fewer = free.outline.polygon
+    assert shapely.get_num_coordinates(fewer) < 0.4 * shapely.get_num_coordinates(ground)
+    assert ground.covers(fewer)
+    assert shapely.hausdorff_distance(ground.boundary, fewer.boundary) < 0.2
+    angles = np.linspace(0.0, 3.0, 5)
+    ends = np.column_stack([np.cos(angles), np.sin(angles)]) * 121.0
+    on_border = shapely.get_coordinates(ground.interiors[0])[[100, 2200]]
+    ways = [free.way(*pair) for pair in (*pairwise(ends), on_border)]
+    monkeypatch.setattr("planners.routes.shortest_paths.MANY_CORNERS", 10**6)
+    exact = FreeGround(ground)
+    assert exact.outline is exact
+    for way in ways:
+        assert ground.covers(LineString(way))
+        shortest = LineString(exact.way(way[0], way[-1])).length
+        assert shortest - 0.01 <= LineString(way).length <= 1.005 * shortest + 0.5
+
+
+def test_an_outline_that_would_lose_a_part_is_not_simplified() -> None:
+    ground = bumpy_ring(6000) - shapely.box(0.0, -300.0, 0.3, 300.0)
+    narrow = shapely.union(
+        ground, shapely.box(-1.0, 150.0, 1.0, 150.1)
+    )  # a bridge that a border of 0.1 m closes
+    free = FreeGround(narrow)
+    assert free.outline is free
+    assert narrow.covers(LineString(free.way((-20.0, 160.0), (20.0, 160.0))))

@@ -140,14 +140,13 @@ async function begin() {
   const errors = new ErrorLayer(map.getView().getProjection());
   const terrain = new Terrain(map, site);
   const tools = new Tools(map, plan, site.grid_per_ground);
-  for (const layer of [terrain.relief, terrain.slope, errors.layer, terrain.contours, route.layer, route.drivenLayer, tools.layer]) map.addLayer(layer);
+  for (const layer of [terrain.relief, terrain.slope, errors.layer, terrain.contours, route.layer, tools.layer]) map.addLayer(layer);
   const fit = fitter(map, plan, site);
   byId("tools").append(...zoomButtons(map, fit));
   const metres = (/** @type {number} */ value) => `${value < 10 ? value.toPrecision(2) : value.toFixed(0)} m`;
   const swipe = new Swipe(map);
   const layers = new Layers(map, [
     { name: "route", title: "Route", layer: route.layer },
-    { name: "driven", title: "Simulated drive", layer: route.drivenLayer },
     { name: "error", title: "Predicted error", layer: errors.layer, isPicture: true, legend: () => errors.shown?.image ? { title: "Predicted standard deviation", colours: errors.shown.colours, low: "0 m", high: `${metres(errors.shown.top_m)} or more` } : null },
     { name: "contours", title: "Contours", layer: terrain.contours },
     { name: "slope", title: "Slope", layer: terrain.slope, isPicture: true, legend: () => ({ title: "Slope", colours: site.slope_colours, low: "0°", high: `${site.largest_slope_deg}° or more` }) },
@@ -189,7 +188,7 @@ async function begin() {
   settings.append(new Settings(plan, fields).page);
   files.offer(fields);
   requirement.append(new Requirement(plan, fields).page);
-  const run = new Runs(plan, fields, map, layers, route, refuse);
+  const run = new Runs(plan, fields, map, layers, refuse);
   runs.append(run.page);
   document.documentElement.dataset.forms = "yes";
   run.show();

@@ -5,10 +5,15 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from desk.workspace import open_workspace, write_demo
+from desk.terrain.pyramid import heights_at
+from desk.workspace import Workspace, open_workspace, write_demo
+from live.watch.log import line_of, watch_header
+from live.watch.survey_watch import SurveyWatch
+from planners.guarantee.adaptive import AdaptiveConfig
 from tests.desk.browser.conftest import DeskPage
 from tests.desk.conftest import DeskServer
 
@@ -210,12 +215,36 @@ def compare_plans(demo: DeskPage) -> None:
     demo.page.wait_for_selector("#start-curve:not([disabled])")
 
 
-def drive_in_time(demo: DeskPage) -> None:
-    """Open the drive in time, half of it done."""
-    demo.page.click("#show-drive")
-    demo.page.locator("#time").evaluate(
-        "(slider) => { slider.value = 500; slider.dispatchEvent(new Event('input')); }"
+def follow_a_drive(demo: DeskPage) -> None:
+    """Follow the log of a drive along the swaths, and go back to the middle of its time."""
+    workspace = demo.server.workspace
+    with (workspace.folder / f"{workspace.name}.watch.jsonl").open("w", encoding="utf-8") as log:
+        log.writelines(line_of(entry) for entry in driven_entries(workspace))
+    demo.page.uncheck("#show-contours")
+    demo.page.uncheck("#show-error")
+    demo.page.click("#start-watch")
+    demo.page.wait_for_selector("#watch-lines >> text=STOP")
+    demo.page.uncheck("#show-watched-elevation")
+    demo.page.locator("#watched").evaluate(
+        "(slider) => { slider.value = 560; slider.dispatchEvent(new Event('input')); }"
     )
+
+
+def close_the_drive(demo: DeskPage) -> None:
+    """Take the drive off the map and show the predicted error again."""
+    demo.page.evaluate("document.getElementById('watched-close').click()")
+    demo.page.check("#show-error")
+
+
+def driven_entries(workspace: Workspace) -> Iterator[dict]:
+    """Yield the inputs of a watch: places of the plan's route with the heights of the terrain, a metre in a second."""
+    plan = workspace.planner.exact(workspace.store.document).plan
+    watch = SurveyWatch(plan.area, AdaptiveConfig(1.5, 0.95), list(plan.route.legs), every_m=250.0)
+    yield watch_header(watch)
+    xy = plan.route.sample(watch.config.sample_step_m, 0).xy
+    along_m = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T))]
+    for time_s, (x, y), height in zip(along_m, xy, heights_at(workspace.tiles.pyramid, xy), strict=True):
+        yield {"in": "sample", "sample": [time_s, x, y, height, 0.05, 1.0 - time_s / 20_000.0]}
 
 
 STATES = {
@@ -224,7 +253,7 @@ STATES = {
     "require": require_an_error,
     "compare": compare_plans,
     "runs": lambda _: None,
-    "watch": drive_in_time,
-    "measured": lambda demo: demo.page.click("#show-drive"),
+    "watch": follow_a_drive,
+    "measured": close_the_drive,
     "files": lambda demo: demo.page.check("#show-slope"),
 }

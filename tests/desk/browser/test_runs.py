@@ -2,8 +2,12 @@
 
 import pytest
 
+from benchmarks.desk_seen import SIZES, faults
+from live.watch.log import line_of
 from tests.desk.browser.test_access import violations
 from tests.desk.browser.test_planning import set_field
+from tests.desk.conftest import SQUARE
+from tests.desk.jobs.test_jobs import driven_entries
 from tests.desk.measured.test_measured import measured_table
 
 pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]
@@ -22,11 +26,15 @@ def test_runs_are_watched_listed_and_compared(opened):
     opened.tab("runs")
     run_mission(opened)
     assert "RMSE" in page.inner_text("#mission-result")
-    assert "Map after 2 of 2 swaths" in page.inner_text("label[for=growth]")
-    page.focus("#growth")
-    page.keyboard.press("Home")
-    assert "Map after 1 of 2 swaths" in page.inner_text("label[for=growth]")
-    assert page.is_checked("#show-growth-sigma")
+    check_replay(page)
+    page.click("#replay-close")
+    assert not page.is_visible("#replay")
+    assert page.locator("#show-replay-sigma").count() == 0
+    page.locator(".run button", has_text="Drive").first.click()
+    opened.wait_for(
+        lambda: "after 2 of 2" in page.inner_text("label[for=replay]"), "replay of an earlier run"
+    )
+    check_replay(page)
     with page.context.expect_page() as report:
         page.click("#mission-result a")
     report.value.wait_for_load_state()
@@ -42,6 +50,69 @@ def test_runs_are_watched_listed_and_compared(opened):
     page.locator(".run button", has_text="Error").first.click()
     page.wait_for_selector("#legend >> text=Error of the map")
     assert violations(page) == []
+
+
+def check_replay(page) -> None:
+    """Move through the drive of two swaths by the keyboard: rover, ellipse, paths and map of each time."""
+    assert "map after 2 of 2 swaths" in page.inner_text("label[for=replay]")
+    assert page.evaluate(DRAWN) == ["ellipse", "path", "rover", "true"]
+    end = page.evaluate(ROVER)
+    page.focus("#replay")
+    page.keyboard.press("Home")
+    assert "no map yet" in page.inner_text("label[for=replay]")
+    assert page.evaluate(DRAWN) == ["ellipse", "rover"]
+    assert page.evaluate(ROVER) != end
+    for _ in range(7):
+        page.keyboard.press("PageUp")
+    assert "map after 1 of 2 swaths" in page.inner_text("label[for=replay]")
+    assert "(95 %)" in page.inner_text("label[for=replay]")
+    assert page.is_checked("#show-replay-sigma")
+    page.keyboard.press("End")
+
+
+FEATURES = """globalThis.firnlineDesk.map.getLayers().getArray().filter((one) => one.getZIndex() === 29)
+  .flatMap((one) => one.getSource().getFeatures())"""
+DRAWN = f"{FEATURES}.map((one) => one.get('kind')).sort()"
+ROVER = f"{FEATURES}.find((one) => one.get('kind') === 'rover').getGeometry().getCoordinates()"
+
+
+def test_a_drive_is_watched_while_it_goes_on_and_replayed(opened):
+    page, workspace = opened.page, opened.server.workspace
+    lines = [line_of(entry) for entry in driven_entries(workspace)]
+    label = "label[for=watched]"
+    with (workspace.folder / "hills.watch.jsonl").open("w") as log:
+        log.writelines(lines[:20])
+        log.flush()
+        opened.tab("watch")
+        page.click("#start-watch")
+        page.wait_for_selector(label)
+        (west, south), *_ = SQUARE
+        opened.wait_until(f"{ROVER}[0] > {west + 60.0}")
+        assert page.evaluate(ROVER)[1] == pytest.approx(south + 125.0, abs=0.1)
+        assert "no map yet" in page.inner_text(label)
+        log.writelines(lines[20:60])
+        log.flush()
+        opened.wait_until(f"{ROVER}[0] > {west + 200.0}")  # the latest place is followed
+        page.focus("#watched")
+        page.keyboard.press("Home")
+        log.writelines(lines[60:])
+    page.wait_for_selector("#watch-lines >> text=STOP")
+    assert page.evaluate(ROVER)[0] == pytest.approx(west, abs=0.1)  # what is looked at stays
+    page.focus("#watched")
+    page.keyboard.press("End")
+    opened.wait_for(lambda: "map after 2 of 2 swaths" in page.inner_text(label), "map")
+    assert page.is_checked("#show-watched-sigma")
+    assert opened.faults == []
+    assert violations(page) == []
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(250)
+        assert faults(page) == []
+    page.focus("#watched")
+    page.keyboard.press("Home")
+    page.click("#watched-play")
+    opened.wait_until(f"{ROVER}[0] > {west + 5.0}")
+    page.click("#watched-play")
 
 
 def test_measured_points_become_a_map_with_its_score(opened, tmp_path):

@@ -16,8 +16,9 @@ from survey.core.errors import CapacityError, InputError
 from survey.data.route import Leg
 
 
-def events_of(page, kind):
-    job = page.post("/api/jobs", {"kind": kind}).json()["job"]
+def events_of(page, asked):
+    """Return the events of a job by its kind, or by its request."""
+    job = page.post("/api/jobs", {"kind": asked} if isinstance(asked, str) else asked).json()["job"]
     lines = page.get(f"/api/jobs/{job}/events").text.splitlines()
     return [json.loads(line.removeprefix("data: ")) for line in lines if line.startswith("data: ")]
 
@@ -83,12 +84,7 @@ def test_a_mission_runs_with_its_stages_to_a_report(page, workspace):
         "score",
         "report",
     ]
-    (driven,) = [event for event in found if event["kind"] == "driven"]
-    assert len(driven["estimated"][0]) > 50
-    assert len(driven["true"][0]) > 50
-    grown = [event for event in found if event["kind"] == "grown"]
-    assert [event["swaths"] for event in grown] == [1, 2]
-    assert grown[0]["sigma"]["image"].startswith("data:image/png;base64,")
+    check_drive(found)
     done = found[-1]
     assert done["kind"] == "done", done
     assert done["rmse_m"] > 0.0
@@ -108,6 +104,28 @@ def test_a_mission_runs_with_its_stages_to_a_report(page, workspace):
     assert page.get(f"/api/runs/{row['name']}/report/index.html").status_code == 200
     assert page.get(f"/api/runs/{row['name']}/layers/other").status_code == 422
     assert page.get("/api/runs/none/layers/error").status_code == 422
+    assert page.post("/api/jobs", {"kind": "replay", "run": "none"}).status_code == 422
+    again = events_of(page, {"kind": "replay", "run": row["name"]})
+    assert again[-1]["kind"] == "done", again[-1]
+    check_drive(again)
+    check_drive(events_of(page, "mission"))  # whose stages are all done
+
+
+def check_drive(events):
+    """Check the drive of two swaths, and the map as it grows, in the events of a job."""
+    ((driven,),) = [event["rovers"] for event in events if event["kind"] == "driven"]
+    assert len(driven["places"]) > 50
+    assert len(driven["places"]) == len(driven["true"]) == len(driven["ellipses"]) == len(driven["time_s"])
+    assert all(long >= short >= 0.0 for long, short, _ in driven["ellipses"])
+    apart_m = np.hypot(*(np.array(driven["places"]) - driven["true"]).T)
+    assert 0.0 < apart_m.mean() < 20.0
+    assert driven["images"] == []
+    grown = [event for event in events if event["kind"] == "grown"]
+    assert [event["swaths"] for event in grown] == [1, 2]
+    assert driven["time_s"][0] < grown[0]["time_s"] < grown[1]["time_s"] <= driven["time_s"][-1]
+    assert grown[0]["rmse_m"] > grown[1]["rmse_m"]
+    assert grown[0]["sigma"]["limits"] == grown[1]["sigma"]["limits"]
+    assert grown[0]["sigma"]["image"].startswith("data:image/png;base64,")
 
 
 @pytest.mark.parametrize("body", [{"kind": "shell"}, {}, {"kind": "curve", "path": "/etc"}])
@@ -173,16 +191,35 @@ def test_the_log_of_a_watch_is_followed_with_the_map_of_each_update(page, worksp
     grown = [event for event in events if event["kind"] == "grown"]
     assert grown[0]["swaths"] == grown[0]["of"] == 2
     assert grown[0]["sigma"]["image"]
+    rover = [event for event in events if event["kind"] == "rover"]
+    assert [event["time_s"] for event in rover] == sorted(event["time_s"] for event in rover)
+    assert rover[-1]["time_s"] >= grown[0]["time_s"] - 60.0
+    (west, south), *_ = workspace.store.document.areas[0][0]
+    assert np.hypot(rover[0]["place"][0] - west, rover[0]["place"][1] - south - 125.0) < 1.0
 
 
-def driven_entries(workspace):
-    """Yield the inputs of a drive of two swaths over flat ground, whose map is good enough at once."""
+def test_maps_of_a_watch_share_their_colours(page, workspace):
+    log = workspace.folder / "hills.watch.jsonl"
+    log.write_text("".join(line_of(entry) for entry in driven_entries(workspace, limit_m=0.05, n_swaths=4)))
+    job = workspace.jobs.find(page.post("/api/jobs", {"kind": "watch"}).json()["job"])
+    until = time.monotonic() + 20.0
+    while sum(event["kind"] == "grown" for event in job.events()) < 2 and time.monotonic() < until:
+        time.sleep(0.02)
+    job.cancel()
+    first, second = [event for event in job.events() if event["kind"] == "grown"][:2]
+    assert first["sigma"]["limits"] == second["sigma"]["limits"]
+    assert first["rmse_m"] > second["rmse_m"]
+
+
+def driven_entries(workspace, limit_m=50.0, n_swaths=2):
+    """Yield the inputs of a drive over flat ground, whose map is good enough after two swaths."""
     area = workspace.store.document.survey_area(workspace.crs)
     west, south, east, north = area.bounds
-    low, high = south + 0.25 * (north - south), south + 0.75 * (north - south)
-    corners = np.array([[west, low], [east, low], [east, high], [west, high]])
-    legs = [Leg(kind, corners[k : k + 2]) for k, kind in enumerate(("swath", "transit", "swath"))]
-    yield watch_header(SurveyWatch(area, AdaptiveConfig(50.0, 0.6, noise_m=0.1), legs, every_m=1e9))
+    northings = np.repeat(south + (np.arange(n_swaths) + 0.5) / n_swaths * (north - south), 2)
+    eastings = np.resize([west, east, east, west], 2 * n_swaths)
+    corners = np.column_stack([eastings, northings])
+    legs = [Leg(("swath", "transit")[k % 2], corners[k : k + 2]) for k in range(2 * n_swaths - 1)]
+    yield watch_header(SurveyWatch(area, AdaptiveConfig(limit_m, 0.6, noise_m=0.1), legs, every_m=1e9))
     line = shapely.LineString(corners)
     for along in np.arange(0.0, line.length + 1.0, 4.0):
         place = line.interpolate(along)

@@ -9,6 +9,7 @@ import pytest
 import rasterio
 from typer.testing import CliRunner
 
+from firnline.actions.watching import text_of
 from firnline.cli.main import app
 from live.watch.log import line_of, replayed, watch_header, watch_of
 from live.watch.samples import Sample, SampleGate, file_entries
@@ -95,6 +96,18 @@ def test_the_live_map_follows_the_ground(watched):
     error = mean - height(watch.grid.xy).reshape(watch.grid.shape)
     assert np.sqrt(np.mean(error**2)) < 0.5
     assert np.mean(np.abs(error) < 3.0 * std) > 0.95
+
+
+def test_the_end_of_a_survey_without_a_class_says_so():
+    stop = {
+        "event": "advice",
+        "time_s": 60.0,
+        "limit_m": 1.5,
+        "probability": 0.98,
+        "do": "stop",
+        "class": None,
+    }
+    assert text_of(stop) == "1 min  STOP: the RMSE of 1.5 m holds with 98%; no class yet"
 
 
 def test_a_log_replays_to_the_same_bytes(watched, tmp_path):

@@ -2,12 +2,13 @@
 import { chart, pathOf, svg } from "../chart.js";
 import { byId, element } from "../dom.js";
 import { get } from "../server/api.js";
+import { Player } from "./player.js";
 import { ROVERS } from "./route.js";
 
 /** @typedef {import("../types.js").RoverDrive} RoverDrive */
 /** @typedef {{rover: number, first: number, last: number}} Part */
 const ol = /** @type {any} */ (globalThis).ol;
-const HEIGHT = 138, PLAY_S = 24, STEPS = 1000;
+const HEIGHT = 138, STEPS = 1000;
 
 export class Drive {
   /** @param {() => void} close What the button in the corner does. */
@@ -20,12 +21,12 @@ export class Drive {
     /** @type {Part[]} */
     this.parts = [];
     this.timeS = 0;
-    this.play = /** @type {HTMLButtonElement} */ (element("button", { type: "button", id: "play", text: "▶ Play", onclick: () => this.#play() }));
+    this.player = new Player("play", () => [this.#timeOf(0), this.#timeOf(1)], () => this.timeS, (timeS) => this.#at(timeS));
     this.choice = /** @type {HTMLSelectElement} */ (element("select", { id: "drive-part", "aria-label": "Part of the drive", onchange: () => this.#show() }));
     this.text = element("p", { id: "drive-text", role: "status" });
     this.slider = /** @type {HTMLInputElement} */ (element("input", { type: "range", min: "0", max: String(STEPS), step: "1", value: "0", id: "time", "aria-label": "Time of the drive", oninput: () => this.#at(this.#timeOf(Number(this.slider.value) / STEPS)) }));
     this.picture = element("div");
-    byId("drive").append(element("div", { class: "row" }, this.play, this.choice, this.text, element("button", { type: "button", class: "quiet close", text: "×", title: "Close the drive", "aria-label": "Close the drive", onclick: close })), this.picture, this.slider);
+    byId("drive").append(element("div", { class: "row" }, this.player.button, this.choice, this.text, element("button", { type: "button", class: "quiet close", text: "×", title: "Close the drive", "aria-label": "Close the drive", onclick: close })), this.picture, this.slider);
   }
 
   /** @param {boolean} isOpen */
@@ -33,7 +34,7 @@ export class Drive {
     this.isOpen = isOpen;
     byId("drive").hidden = !isOpen;
     byId("stage").classList.toggle("with-drive", isOpen);
-    this.#stop();
+    this.player.stop();
     this.source.clear();
     if (isOpen) await this.refresh();
   }
@@ -127,32 +128,10 @@ export class Drive {
       for (const name of ["x1", "x2"]) this.cursor?.setAttribute(name, String(at));
     });
   }
-
-  #play() {
-    if (this.timer !== undefined) return this.#stop();
-    const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    const everyMs = isStill ? 1000 : 40;
-    this.play.textContent = "❚❚ Pause";
-    const step = (this.#timeOf(1) - this.#timeOf(0)) * (everyMs / 1000 / PLAY_S);
-    if (this.timeS >= this.#timeOf(1)) this.#at(this.#timeOf(0));
-    this.timer = window.setInterval(() => {
-      const next = this.timeS + step;
-      this.#at(Math.min(next, this.#timeOf(1)));
-      if (next >= this.#timeOf(1)) this.#stop();
-    }, everyMs);
-    return undefined;
-  }
-
-  #stop() {
-    clearInterval(this.timer);
-    /** @type {number|undefined} */
-    this.timer = undefined;
-    this.play.textContent = "▶ Play";
-  }
 }
 
 /** @param {number[]} values Not falling. @param {number} value @returns {number} Index of the last one that is not above. */
-function indexAt(values, value) {
+export function indexAt(values, value) {
   let low = 0, high = values.length - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
@@ -162,12 +141,16 @@ function indexAt(values, value) {
   return low;
 }
 
+/** @param {number} timeS */
+export function clockText(timeS) {
+  return `${Math.floor(timeS / 3600)} h ${String(Math.floor((timeS % 3600) / 60)).padStart(2, "0")} min`;
+}
+
 /** @param {RoverDrive} one @param {number} index @param {number} timeS */
 function describe(one, index, timeS) {
   const height = one.heights_m[index], battery = one.battery_share?.[index];
-  const clock = `${Math.floor(timeS / 3600)} h ${String(Math.floor((timeS % 3600) / 60)).padStart(2, "0")} min`;
   const energy = battery === undefined ? `${(one.energy_j[index] / 3.6e6).toFixed(2)} kWh used` : `battery ${(100 * battery).toFixed(0)} %`;
-  return [clock, `${(one.distance_m[index] / 1000).toFixed(2)} km`, height === null ? "height unknown" : `${height.toFixed(0)} m high`, energy].join(" · ");
+  return [clockText(timeS), `${(one.distance_m[index] / 1000).toFixed(2)} km`, height === null ? "height unknown" : `${height.toFixed(0)} m high`, energy].join(" · ");
 }
 
 /** @param {any} feature */

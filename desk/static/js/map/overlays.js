@@ -12,10 +12,9 @@ const ol = /** @type {any} */ (globalThis).ol;
  */
 
 /** @param {any} map @param {{image: string, bounds: number[]}} picture */
-function pictureLayer(map, picture) {
+function pictureSource(map, picture) {
   const projection = map.getView().getProjection();
-  const source = new ol.source.ImageStatic({ url: picture.image, imageExtent: picture.bounds, projection, interpolate: true });
-  return new ol.layer.Image({ opacity: 0.82, zIndex: 7, source });
+  return new ol.source.ImageStatic({ url: picture.image, imageExtent: picture.bounds, projection, interpolate: true });
 }
 
 /** @param {number[][]} places @param {string} [color] */
@@ -39,8 +38,41 @@ export function lineLayer(lines, color, lineDash) {
  * @param {any} map @param {import("./layers.js").Layers} layers @param {string} name @param {string} title @param {Picture} picture
  */
 export function showPicture(map, layers, name, title, picture) {
-  const layer = pictureLayer(map, picture);
-  const legend = () => ({ title, colours: picture.colours, low: picture.ends[0], high: picture.ends[1] });
-  layers.add({ name, title, layer, legend, isPicture: true });
-  map.addLayer(layer);
+  new PictureLayer(map, layers, name, title).show(picture);
+}
+
+/** A picture that changes in time, with its legend; the layer keeps its opacity and whether it is shown. */
+export class PictureLayer {
+  /** @param {any} map @param {import("./layers.js").Layers} layers @param {string} name @param {string} title */
+  constructor(map, layers, name, title) {
+    this.map = map;
+    this.layers = layers;
+    this.name = name;
+    this.title = title;
+    /** @type {Picture|null} */
+    this.shown = null;
+    /** @type {any} */
+    this.layer = null;
+  }
+
+  /** @param {Picture|null} picture None at a time at which there is no picture. */
+  show(picture) {
+    if (picture === this.shown) return;
+    this.shown = picture;
+    if (picture && !this.layer) this.#add();
+    this.layer?.setSource(picture && pictureSource(this.map, picture));
+    this.layers.legends();
+  }
+
+  #add() {
+    this.layer = new ol.layer.Image({ opacity: 0.82, zIndex: 7 });
+    const legend = () => this.shown && { title: this.title, colours: this.shown.colours, low: this.shown.ends[0], high: this.shown.ends[1] };
+    this.layers.add({ name: this.name, title: this.title, layer: this.layer, legend, isPicture: true });
+    this.map.addLayer(this.layer);
+  }
+
+  remove() {
+    this.shown = this.layer = null;
+    this.layers.remove(this.name);
+  }
 }

@@ -9,23 +9,11 @@ export const ROVERS = ["#d55e00", "#0072b2", "#009e73", "#aa4499", "#b58900", "#
 export class RouteLayer {
   constructor() {
     this.source = new ol.source.Vector();
-    this.driven = new ol.source.Vector();
-    const stroke = (/** @type {boolean} */ isTrue) => new ol.style.Stroke({ color: isTrue ? "#ffffff" : "#1d2a35", width: isTrue ? 2.2 : 1.6, lineDash: isTrue ? [7, 5] : undefined });
-    const style = (/** @type {any} */ feature) => new ol.style.Style({ stroke: stroke(feature.get("isTrue")) });
-    this.drivenLayer = new ol.layer.Vector({ source: this.driven, style, zIndex: 14 });
     this.layer = new ol.layer.Vector({ source: this.source, style: styles, zIndex: 12 });
-  }
-
-  /** @param {number[][][]} estimated Paths of the rovers of a simulated mission. @param {number[][][]} real Where they were. */
-  showDriven(estimated, real) {
-    this.driven.clear(true);
-    const feature = (/** @type {number[][]} */ places, /** @type {boolean} */ isTrue) => new ol.Feature({ geometry: new ol.geom.LineString(places), isTrue });
-    this.driven.addFeatures([...estimated.map((places) => feature(places, false)), ...real.map((places) => feature(places, true))]);
   }
 
   /** @param {PlanSummary|null} plan */
   show(plan) {
-    this.driven.clear(true);
     this.source.clear(true);
     if (!plan) return;
     const lines = plan.legs.map((leg) => new ol.Feature({ geometry: new ol.geom.LineString(leg.places), kind: leg.kind, rover: leg.rover }));

@@ -3,7 +3,7 @@ import { element } from "../dom.js";
 import { showPicture } from "../map/overlays.js";
 import { get } from "../server/api.js";
 import { fieldRow } from "./form.js";
-import { Growth } from "./growth.js";
+import { Replay } from "./replay.js";
 import { Working } from "./working.js";
 
 /** @typedef {import("../server/plan.js").Plan} Plan */
@@ -14,30 +14,30 @@ const LAYERS = /** @type {[string, string][]} */ ([["error", "Error"], ["sigma",
 export class Runs {
   /**
    * @param {Plan} plan @param {import("../types.js").Fields} fields @param {any} map
-   * @param {import("../map/layers.js").Layers} layers @param {import("../map/route.js").RouteLayer} route @param {(sentence: string) => void} refuse
+   * @param {import("../map/layers.js").Layers} layers @param {(sentence: string) => void} refuse
    */
-  constructor(plan, fields, map, layers, route, refuse) {
+  constructor(plan, fields, map, layers, refuse) {
     this.plan = plan;
     this.about = fields;
     this.map = map;
     this.layers = layers;
-    this.route = route;
     this.refuse = refuse;
     /** @type {RunRow[]} */
     this.rows = [];
     /** @type {string[]} */
     this.chosen = [];
     this.fields = element("div");
-    this.growth = new Growth(map, layers);
-    this.camera = /** @type {HTMLImageElement} */ (element("img", { id: "camera", alt: "Latest image of the rover's camera", hidden: true }));
-    this.run = new Working("mission", "Run the mission", (event) => this.#follow(event));
+    this.replay = new Replay(map, layers, "replay", "Simulated drive");
+    this.run = new Working("mission", "Run the mission", (event) => this.#follow(event, this.run));
+    this.again = new Working("replay", "Show its drive", (event) => this.#follow(event, this.again));
+    this.again.button.hidden = true;
     this.result = element("div", { class: "stack", id: "mission-result", "aria-live": "polite" });
     this.table = element("div", { id: "runs" });
     this.comparison = element("div", { id: "comparison", "aria-live": "polite" });
     this.page = element("div", {},
       element("h2", { text: "Simulate the survey" }),
       element("p", { class: "note", text: "Drives the plan over terrain that is drawn about the prior, maps it from what the rover measured, and scores the map. With images (vision) a run takes about as long as the drive." }),
-      this.fields, this.run.part, this.camera, this.growth.part, this.result,
+      this.fields, this.run.part, this.again.part, this.replay.part, this.result,
       element("h2", { text: "Runs" }), this.table, this.comparison);
     plan.addEventListener("change", () => this.#settings());
     this.#settings();
@@ -55,27 +55,24 @@ export class Runs {
     if (focused?.startsWith("simulation-")) document.getElementById(focused)?.focus();
   }
 
-  /** @param {any} event */
-  #follow(event) {
-    if (event.kind === "stage" && event.done === 0) this.growth.clear();
-    if (event.kind === "driven") this.route.showDriven(event.estimated, event.true);
-    if (event.kind === "grown") this.growth.add(event);
-    if (event.kind === "frame" && this.run.running) {
-      this.camera.src = `/api/jobs/${this.run.running.job}/frame?${event.number}`;
-      this.camera.hidden = false;
+  /** @param {any} event @param {Working} working */
+  #follow(event, working) {
+    if (event.kind === "started") {
+      this.shown = working;
+      this.replay.clear();
     }
-    if (event.kind === "done") this.#done(event);
+    if (working === this.shown) this.replay.take(event, working.running?.job);
+    if (event.kind === "done" && working === this.run) this.#done(event);
   }
 
   /** @param {any} event */
   #done(event) {
-    this.camera.hidden = true;
     const report = element("a", { href: event.report, target: "_blank", rel: "noopener", text: "Open the report" });
     this.result.replaceChildren(
       element("p", { text: `RMSE ${event.rmse_m.toFixed(2)} m. ${event.verdict}` }),
       ...event.claims.map((/** @type {string} */ text) => element("p", { class: "note", text })),
       element("p", {}, report),
-      element("p", { class: "note", text: "On the map: the estimated path is solid, the true one dashed." }),
+      element("p", { class: "note", text: "On the map: the estimated path is solid, the true one dashed; the ellipse about a rover holds it with 95 %." }),
       element("p", { class: "small", text: `QGIS project: ${event.project}` }));
     this.show();
   }
@@ -92,10 +89,18 @@ export class Runs {
   #row(row) {
     const compared = element("input", { type: "checkbox", id: `compare-${row.name}`, checked: this.chosen.includes(row.name), onchange: (/** @type {any} */ event) => this.#choose(row.name, event.target.checked) });
     const buttons = LAYERS.map(([layer, text]) => element("button", { type: "button", class: "quiet", text, "aria-label": `${text} of ${row.title} on the map`, onclick: () => this.#showLayer(row, layer) }));
+    const drive = element("button", { type: "button", class: "quiet", text: "Drive", "aria-label": `Drive of ${row.title} in time`, onclick: () => this.#replay(row) });
     const report = row.has_report ? [element("a", { href: `/api/runs/${row.name}/report/index.html`, target: "_blank", rel: "noopener", text: "Report", "aria-label": `Report of ${row.title}` })] : [];
     return element("div", { class: "run" },
       element("div", { class: "layer" }, compared, element("label", { for: `compare-${row.name}`, text: row.title }), element("b", { text: row.facts.RMSE ?? "" })),
-      row.error ? element("p", { class: "note", text: row.error }) : element("div", { class: "row" }, ...buttons, ...report));
+      row.error ? element("p", { class: "note", text: row.error }) : element("div", { class: "row" }, ...buttons, drive, ...report));
+  }
+
+  /** @param {RunRow} row */
+  #replay(row) {
+    this.again.about = { run: row.name };
+    this.again.start();
+    this.page.scrollIntoView();
   }
 
   /** @param {RunRow} row @param {string} layer */

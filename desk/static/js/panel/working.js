@@ -4,7 +4,7 @@ import { runJob } from "../server/jobs.js";
 
 export class Working {
   /**
-   * @param {"guarantee"|"curve"|"mission"|"map"|"next"|"watch"} kind
+   * @param {"guarantee"|"curve"|"mission"|"map"|"next"|"watch"|"replay"} kind
    * @param {string} title
    * @param {(event: any) => void} follow
    */
@@ -12,6 +12,8 @@ export class Working {
     this.kind = kind;
     this.follow = follow;
     this.button = /** @type {HTMLButtonElement} */ (element("button", { type: "button", class: "primary", text: title, id: `start-${kind}`, onclick: () => this.start() }));
+    /** @type {Record<string, string>} What the job is about beside the plan. */
+    this.about = {};
     this.stop = element("button", { type: "button", text: "Give up", hidden: true, onclick: () => this.running?.cancel() });
     this.bar = element("progress", { max: "1", "aria-label": title, hidden: true });
     this.text = element("p", { class: "note", role: "status", id: `status-${kind}` });
@@ -23,8 +25,9 @@ export class Working {
   async start() {
     this.#busy(true);
     this.text.textContent = "Starting …";
+    this.follow({ kind: "started" });
     try {
-      this.running = await runJob(this.kind, (event) => this.#show(event));
+      this.running = await runJob(this.kind, (event) => this.#show(event), this.about);
     } catch (error) {
       this.#show({ kind: "refused", error: error instanceof Error ? error.message : String(error) });
     }

@@ -5,12 +5,13 @@ import { post } from "./api.js";
 
 /**
  * Start a job and follow it.
- * @param {"guarantee"|"curve"|"mission"|"map"|"next"|"watch"} kind
+ * @param {"guarantee"|"curve"|"mission"|"map"|"next"|"watch"|"replay"} kind
  * @param {(event: any) => void} follow Called with each event; the last one is done, refused or cancelled.
+ * @param {Record<string, string>} [about] What the job is about beside the plan.
  * @returns {Promise<Running>}
  */
-export async function runJob(kind, follow) {
-  const { job } = await post("/api/jobs", { kind });
+export async function runJob(kind, follow, about = {}) {
+  const { job } = await post("/api/jobs", { kind, ...about });
   const source = new EventSource(`/api/jobs/${job}/events`);
   source.onmessage = (message) => {
     const event = JSON.parse(message.data);
