@@ -247,12 +247,13 @@ def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None
 
 @inlined
 def _tile_at(x: np.float32, y: np.float32, cells: np.int32, start: np.int32, words: Words) -> np.float32:
-    """Interpolate a level of a tile; one word holds 2 × 2 texels."""
+    """Interpolate a level of a tile: words of 2 × 2 texels in blocks of 4 × 4 words."""
     low = u32(255)
     fx, fy = np.floor(x), np.floor(y)
     a, b = x - fx, y - fy
     i, j = i32(i32(fx) & cells), i32(i32(fy) & cells)
-    word = words[entry(i32(i32(i32(j * i32(cells + i32(1))) + i) + start))]
+    block, within = i32(i32(i32(j & i32(-4)) * i32(cells + i32(1))) + i32(i32(i & i32(-4)) << i32(2))), i32(3)
+    word = words[entry(i32(i32(block + i32(i32(j & within) << i32(2))) + i32(i32(i & within) + start)))]
     p0, p1 = i32(word & low), i32((word >> u32(8)) & low)
     p2, p3 = i32((word >> u32(16)) & low), i32(word >> u32(24))
     south = f32(i32(p1 - p0)) * a + f32(p0)
