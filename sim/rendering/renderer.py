@@ -63,7 +63,7 @@ from survey import Camera, InputError
 from survey.core import FloatArray
 from survey.data.frames import Image
 
-_ROWS_AT_ONCE = 8
+_ROWS_AT_ONCE = 4
 _FARTHEST_M = 3000.0
 _ROUNDED_M2 = 0.01
 

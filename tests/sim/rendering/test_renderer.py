@@ -1,5 +1,7 @@
 """The renderer: exact depth, motion that agrees with it, the same bytes whoever computes them."""
 
+from dataclasses import replace
+
 import cv2
 import numba
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from sim.config.world import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.rendering import Renderer, RoverBox
+from sim.rendering.visibility import surface_of
 from sim.simulate.assembly import RoverCamera, rover_camera
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.errors import InputError
@@ -68,6 +71,15 @@ def test_depth_is_that_of_the_exact_ray_caster(
         n += seen.sum()
     assert n > 5000
     assert wrong <= 0.001 * n  # the bar: 99.9 % within 2 cm
+
+
+def test_blocks_of_the_terrain_hold_all_that_a_jump_of_one_block_may_meet(ground: FineTerrain) -> None:
+    north_up = np.zeros_like(ground.height)
+    north_up[::-1][32, 32] = 5.0
+    blocks = surface_of(replace(ground, height=north_up), 0.0).fine_blocks
+    # From the last cell of block 6, number 27, a jump of 4 cells ends in cell 31, of which node 32 is a corner.
+    assert blocks[6, 6] == 5.0
+    assert blocks[5, 6] == blocks[6, 5] == 0.0
 
 
 def test_a_pinhole_sees_the_same_ground(ground: FineTerrain, camera: Camera) -> None:
