@@ -95,13 +95,14 @@ _PREFERS_GATHERS = f'"target-features"="{_CPU.flatten()},+fast-gather"'
 def _for_gathers(typing_context: Any, index: Any) -> Any:
     """Return an index as it is, and have LLVM use the gather instruction of AVX2 in the function around it.
 
-    For processors of AMD LLVM takes it for slow and leaves the loops scalar; with it frames take three quarters of the time.
+    On processors of AMD LLVM expects it to be slow and leaves the loops scalar; with it frames take three quarters of the time.
     """
-    del typing_context
+    del typing_context, index
 
     def build(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
         if _CPU.get("avx2") and not _CPU.get("avx512f"):
-            set.add(builder.function.attributes, _PREFERS_GATHERS)  # llvmlite's own `add` refuses attributes with values
+            # The method `add` of llvmlite's class refuses attributes with values.
+            set.add(builder.function.attributes, _PREFERS_GATHERS)
         return arguments[0]
 
     return types.uint32(types.uint32), build

@@ -3,7 +3,7 @@
 `Backdrop` is a wide cylinder with the sky and the mountains around the site. `GroundMap` holds sunlight, cast shadows and
 skylight of every node, with a mipmap. `shade` gives the radiance of surface samples by sun, sky, haze, open water and
 the rover's shadow. `ImageSensor` turns radiance into 8-bit grey levels with lens blur, vignetting, gain, shot and read
-noise.
+noise, and JPEG compression.
 """
 
 import math
@@ -420,23 +420,33 @@ class ImageSensor:
         config = self._config
         if config.blur_px > 0.0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), config.blur_px)
-        gain = config.gain
-        if gain is None:
-            gain = config.brightness / max(float(np.percentile(radiance[::6, ::6], 90)), 0.1)
         noisy = config.noise == "on"
         image = np.empty(radiance.shape, np.uint8)
         share_out(
             _expose,
             radiance,
             self._transmission,
-            gain,
+            self._gain(radiance),
             config.read_noise * noisy,
             config.shot_noise * noisy,
             self._draws,
             self._seed + frame_index,
             image,
         )
-        return image
+        if config.jpeg_quality is None:
+            return image
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+
+    def _gain(self, radiance: Floats) -> float:
+        """Return the grey levels per unit of radiance: the stated ones, or those that suit the frame."""
+        config = self._config
+        if config.gain is not None:
+            return config.gain
+        gain = config.brightness / max(float(np.percentile(radiance[::6, ::6], 90)), 0.1)
+        if config.gain_step_ev == 0.0:
+            return gain
+        return 2.0 ** (config.gain_step_ev * round(math.log2(gain) / config.gain_step_ev))
 
 
 def _vignette(camera: Camera, loss: float) -> Floats:
