@@ -195,8 +195,8 @@ def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: Ap
         share_out(_halve, levels[-1], coarser)
         levels.append(coarser)
     starts = np.cumsum([0] + [level.size for level in levels[:-1]]).astype(np.int32)
-    rows, columns = words.shape
-    return GroundMap(np.concatenate([level.ravel() for level in levels]), starts, columns, rows)
+    rows, columns = height.shape
+    return GroundMap(np.concatenate([level.ravel() for level in levels]), starts, int(columns), int(rows))
 
 
 @by_share
