@@ -292,6 +292,8 @@ class ImagingConfig(Section):
     """Grey levels per unit of radiance; automatic when not given."""
     brightness: Annotated[float, Field(gt=0.0, le=250.0)] = 200.0
     """Grey level that automatic gain gives to the 90th percentile."""
+    gain_step_ev: NonNegativeFloat = 0.0
+    """Steps in which automatic gain changes, in powers of two (exposure values); 0 for any gain."""
     vignetting: Share = 0.15
     """Loss of light in the corners."""
     blur_px: NonNegativeFloat = 0.5
@@ -302,3 +304,5 @@ class ImagingConfig(Section):
     """Standard deviation of the read noise [grey levels]."""
     shot_noise: NonNegativeFloat = 0.085
     """Standard deviation of the shot noise per square root of a grey level."""
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = None
+    """Quality at which JPEG compresses the images, 1 to 100; not compressed when not given."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from llvmlite import ir
+from llvmlite import binding, ir
 from numba import get_num_threads, njit, types
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
 from numba.extending import intrinsic
@@ -88,10 +88,33 @@ def _helpers(n: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(n, "renders")
 
 
+_CPU = binding.get_host_cpu_features()
+_PREFERS_GATHERS = f'"target-features"="{_CPU.flatten()},+fast-gather"'
+
+
+def _for_gathers(typing_context: Any, index: Any) -> Any:
+    """Return an index as it is, and have LLVM use the gather instruction of AVX2 in the function around it.
+
+    On processors of AMD LLVM expects it to be slow and leaves the loops scalar; with it frames take three quarters of the time.
+    """
+    del typing_context, index
+
+    def build(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        if _CPU.get("avx2") and not _CPU.get("avx512f"):
+            # The method `add` of llvmlite's class refuses attributes with values.
+            set.add(builder.function.attributes, _PREFERS_GATHERS)
+        return arguments[0]
+
+    return types.uint32(types.uint32), build
+
+
+_gathered: Callable[..., Any] = intrinsic(_for_gathers)
+
+
 @inlined
 def entry(index: int) -> np.uint32:
     """Return an index that is not negative in the form that gathers take 16 at a time."""
-    return u32(u32(index) & u32(0x7FFFFFFF))
+    return _gathered(u32(u32(index) & u32(0x7FFFFFFF)))
 
 
 @inlined

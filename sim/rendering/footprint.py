@@ -82,13 +82,13 @@ class Footprints(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """Sampling points of one tile, pixel by pixel."""
+    """Sampling points of one tile in texels of the level that is read, pixel by pixel."""
 
-    scale: Floats
-    """Texels per metre, of the level that is read."""
-    shift: Floats
+    step_x: Floats
+    """From tap to tap."""
+    step_y: Floats
     x0: Floats
-    """Middle of the footprint in the copy of the first corner, and of the second."""
+    """First tap in the copy of the first corner, and of the second."""
     y0: Floats
     x1: Floats
     y1: Floats
@@ -124,7 +124,7 @@ def measure(
     zero, one = f32(0), f32(1)
     ox, oy, pixel, most, per_step = f32(ox), f32(oy), f32(pixel_rad), f32(most_taps), f32(1.0 / step_m)
     for k in range(n):
-        c = u32(at.pixel[k])
+        c = entry(at.pixel[k])
         r, slope, ux, uy = rays.range_m[c], rays.slope[c], rays.ux[c], rays.uy[c]
         gx, gy, z = rays.gx[c], rays.gy[c], rays.z[c]
         stretch = np.sqrt(one + slope * slope)
@@ -137,7 +137,8 @@ def measure(
         at.range_m[k], at.path_m[k], at.ux[k], at.uy[k] = r, path, ux, uy
         at.length_m[k], at.spacing_m[k] = along, along / taps
         width = max(across, along / taps)
-        at.width_m[k], at.taps[k], at.grain_taps[k] = width, i32(taps), i32(min(taps, f32(2)))
+        at.width_m[k], at.taps[k] = width, i32(taps)
+        at.grain_taps[k] = i32(min(taps, f32(2))) if width < f32(GRAIN_FROM_M) else i32(0)
         # Steep walls would smear a texture seen from above: there the height shifts it.
         wall = upright < f32(0.45)
         at.x[k] = ox + ux * r + (f32(0.37) * z if wall else zero)
@@ -186,8 +187,8 @@ def lattice(n: int, at: Footprints) -> None:
 def aim(
     n: int,
     at: Footprints,
-    weight: Floats,
-    jump: Ints,
+    weight0: Floats,
+    weight1: Floats,
     taps: Ints,
     level: Ints,
     starts: Ints,
@@ -195,58 +196,64 @@ def aim(
     per_m: float,
     gain: float,
     to: Aim,
-    x: Floats,
-    y: Floats,
-    share: Floats,
 ) -> None:
-    """Compute sampling points and weights of the taps in one corner's copy of a tile."""
-    half, per, amplitude = f32(0.5), f32(per_m), f32(gain)
+    """Compute sampling points and weights of the taps in both corners' copies of a tile."""
+    half, per, amplitude, low, centimetre = f32(0.5), f32(per_m), f32(gain), u32(2047), f32(0.01)
     for k in range(n):
         lv = level[k]
         scale = per / f32(i32(i32(1) << lv))
         # A texel of a coarser level sits half a fine texel to the side.
-        to.scale[k], to.shift[k] = scale, half * scale / per - half
-        to.cells[k], to.start[k] = i32(i32(mask) >> lv), starts[u32(lv)]
-        h = u32(jump[k])
-        x[k] = at.x[k] + f32(i32(h & u32(2047))) * f32(0.01)
-        y[k] = at.y[k] + f32(i32((h >> u32(11)) & u32(2047))) * f32(0.01)
-        share[k] = weight[k] * amplitude / f32(taps[k])
+        shift = half * scale / per - half
+        to.cells[k], to.start[k] = i32(i32(mask) >> lv), starts[entry(lv)]
+        spacing, count = at.spacing_m[k] * scale, f32(taps[k])
+        step_x, step_y = at.ux[k] * spacing, at.uy[k] * spacing
+        back = half * (count - f32(1))
+        x, y = at.x[k] * scale + shift - back * step_x, at.y[k] * scale + shift - back * step_y
+        moved = scale * centimetre
+        h0, h1 = u32(at.jump0[k]), u32(at.jump1[k])
+        to.step_x[k], to.step_y[k] = step_x, step_y
+        to.x0[k] = x + f32(i32(h0 & low)) * moved
+        to.y0[k] = y + f32(i32((h0 >> u32(11)) & low)) * moved
+        to.x1[k] = x + f32(i32(h1 & low)) * moved
+        to.y1[k] = y + f32(i32((h1 >> u32(11)) & low)) * moved
+        per_tap = amplitude / max(count, f32(1))
+        to.share0[k], to.share1[k] = weight0[k] * per_tap, weight1[k] * per_tap
 
 
 @row_loop_in_order
 def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None:
     """Add all taps of both corners' copies of a tile to the texture."""
-    half, zero, one = f32(0.5), f32(0), i32(1)
+    zero = f32(0)
     for first in range(0, n, _AT_ONCE):
         last = min(first + _AT_ONCE, n)
-        most = i32(1)
+        most = i32(0)
         for q in range(last - first):
             most = max(most, taps[u64(first + q)])
         for tap in range(most):
+            number = f32(tap)
             for q in range(last - first):
                 k = u64(first + q)
-                count = taps[k]
-                offset = (f32(tap) - half * f32(i32(count - one))) * at.spacing_m[k]
-                is_read = i32(tap) < count
-                scale, shift, cells, start = to.scale[k], to.shift[k], to.cells[k], to.start[k]
-                x = fused(fused(at.ux[k], offset, to.x0[k]), scale, shift)
-                y = fused(fused(at.uy[k], offset, to.y0[k]), scale, shift)
-                first_copy = _tile_at(x, y, cells, start, words)
-                x = fused(fused(at.ux[k], offset, to.x1[k]), scale, shift)
-                y = fused(fused(at.uy[k], offset, to.y1[k]), scale, shift)
-                second_copy = _tile_at(x, y, cells, start, words)
+                is_read = i32(tap) < taps[k]
+                step_x, step_y, cells, start = to.step_x[k], to.step_y[k], to.cells[k], to.start[k]
+                first_copy = _tile_at(
+                    fused(number, step_x, to.x0[k]), fused(number, step_y, to.y0[k]), cells, start, words
+                )
+                second_copy = _tile_at(
+                    fused(number, step_x, to.x1[k]), fused(number, step_y, to.y1[k]), cells, start, words
+                )
                 texture = at.texture[k] + (to.share0[k] if is_read else zero) * first_copy
                 at.texture[k] = texture + (to.share1[k] if is_read else zero) * second_copy
 
 
 @inlined
 def _tile_at(x: np.float32, y: np.float32, cells: np.int32, start: np.int32, words: Words) -> np.float32:
-    """Interpolate a level of a tile; one word holds 2 × 2 texels."""
+    """Interpolate a level of a tile: words of 2 × 2 texels in blocks of 4 × 4 words."""
     low = u32(255)
     fx, fy = np.floor(x), np.floor(y)
     a, b = x - fx, y - fy
     i, j = i32(i32(fx) & cells), i32(i32(fy) & cells)
-    word = words[entry(i32(i32(i32(j * i32(cells + i32(1))) + i) + start))]
+    block, within = i32(i32(i32(j & i32(-4)) * i32(cells + i32(1))) + i32(i32(i & i32(-4)) << i32(2))), i32(3)
+    word = words[entry(i32(i32(block + i32(i32(j & within) << i32(2))) + i32(i32(i & within) + start)))]
     p0, p1 = i32(word & low), i32((word >> u32(8)) & low)
     p2, p3 = i32((word >> u32(16)) & low), i32(word >> u32(24))
     south = f32(i32(p1 - p0)) * a + f32(p0)
@@ -263,29 +270,30 @@ def read_map(
     oy: float,
     words: Words,
     starts: Ints,
-    widths: Ints,
-    heights: Ints,
+    columns: int,
+    rows: int,
     step_m: float,
 ) -> None:
     """Add tap 0 or 1 of the map of sunlight (12 bits), skylight (12 bits) and water (8 bits)."""
     zero, half, one = f32(0), f32(0.5), f32(1)
     ox, oy, per_step = f32(ox), f32(oy), f32(1.0 / step_m)
+    all_columns, all_rows = i32(columns), i32(rows)
     for k in range(n):
         long = at.length_m[k] > f32(0.6)
         offset = (f32(tap) - half) * half * at.length_m[k] if long else zero
         share = half if long else (one if tap == 0 else zero)
-        lv = entry(at.map_level[k])
-        columns, rows = widths[lv], heights[lv]
-        scale = per_step / f32(i32(i32(1) << i32(lv)))
+        lv = at.map_level[k]
+        width, height = max(i32(all_columns >> lv), i32(2)), max(i32(all_rows >> lv), i32(2))
+        scale = per_step / f32(i32(i32(1) << lv))
         shift = half - half * scale / per_step
         r = at.range_m[k] + offset
-        u = min(max((ox + at.ux[k] * r) * scale - shift, zero), f32(columns) - f32(1.001))
-        v = min(max((oy + at.uy[k] * r) * scale - shift, zero), f32(rows) - f32(1.001))
+        u = min(max((ox + at.ux[k] * r) * scale - shift, zero), f32(width) - f32(1.001))
+        v = min(max((oy + at.uy[k] * r) * scale - shift, zero), f32(height) - f32(1.001))
         i, j = i32(u), i32(v)
         a, b = u - f32(i), v - f32(j)
-        p = i32(i32(starts[lv] + i32(j * columns)) + i)
+        p = i32(i32(starts[entry(lv)] + i32(j * width)) + i)
         k0, k1 = words[entry(p)], words[entry(i32(p + i32(1)))]
-        p = i32(p + columns)
+        p = i32(p + width)
         k2, k3 = words[entry(p)], words[entry(i32(p + i32(1)))]
         w3 = a * b * share
         w1, w2 = a * share - w3, b * share - w3

@@ -3,7 +3,7 @@
 `Backdrop` is a wide cylinder with the sky and the mountains around the site. `GroundMap` holds sunlight, cast shadows and
 skylight of every node, with a mipmap. `shade` gives the radiance of surface samples by sun, sky, haze, open water and
 the rover's shadow. `ImageSensor` turns radiance into 8-bit grey levels with lens blur, vignetting, gain, shot and read
-noise.
+noise, and JPEG compression.
 """
 
 import math
@@ -136,24 +136,28 @@ def backdrop_row(
     painted: Floats,
 ) -> None:
     """Look up the radiance of the `n` listed rays of a row; `faces` without its axes."""
+    zero, half, one = f32(0), f32(0.5), f32(1)
+    x, y, per_far = f32(x), f32(y), f32(1.0 / distance)
+    beside, base = f32(distance * distance - x * x - y * y), f32(z / distance - _SLOPES[0])
+    per_slope, width = f32((rows - 1) / (_SLOPES[1] - _SLOPES[0])), f32(columns)
+    u_end, v_end, rows, columns = f32(columns - 1.001), f32(rows - 1.001), i32(rows), i32(columns)
     for k in range(n):
-        c = u32(pixel[k])
-        east, north = float(ux[c]), float(uy[c])
+        c = entry(pixel[k])
+        east, north = ux[c], uy[c]
         along = x * east + y * north
-        reach = math.sqrt(max(distance * distance - x * x - y * y + along * along, 0.0)) - along
+        reach = np.sqrt(max(beside + along * along, zero)) - along
         px, py = x + reach * east, y + reach * north
-        rise = z / distance + float(slope[c]) * reach / distance
         is_across = abs(px) > abs(py)
-        face = (i32(0) if px > 0 else i32(2)) if is_across else (i32(1) if py > 0 else i32(3))
+        face = (i32(0) if px > zero else i32(2)) if is_across else (i32(1) if py > zero else i32(3))
         tangent = (py if is_across else -px) / (px if is_across else py)
-        u = min(max((tangent + 1.0) * 0.5 * columns - 0.5, 0.0), columns - 1.001)
-        v = min(max((rise - _SLOPES[0]) * (rows - 1) / (_SLOPES[1] - _SLOPES[0]), 0.0), rows - 1.001)
+        u = min(max((tangent + one) * half * width - half, zero), u_end)
+        v = min(max((base + slope[c] * reach * per_far) * per_slope, zero), v_end)
         i, j = i32(u), i32(v)
-        a, b = u - i, v - j
-        p = i32(i32(i32(i32(face * i32(rows)) + j) * i32(columns)) + i)
+        a, b = u - f32(i), v - f32(j)
+        p = i32(i32(i32(i32(face * rows) + j) * columns) + i)
         low = faces[entry(p)]
         low += (faces[entry(i32(p + i32(1)))] - low) * a
-        p = i32(p + i32(columns))
+        p = i32(p + columns)
         high = faces[entry(p)]
         high += (faces[entry(i32(p + i32(1)))] - high) * a
         painted[k] = low + (high - low) * b
@@ -172,8 +176,9 @@ class GroundMap(NamedTuple):
     words: Words
     starts: Ints
     """Index of each level's first word."""
-    widths: Ints
-    heights: Ints
+    columns: int
+    """Of the finest level; each coarser level has half as many, at least 2."""
+    rows: int
 
 
 def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: AppearanceConfig) -> GroundMap:
@@ -190,8 +195,8 @@ def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: Ap
         share_out(_halve, levels[-1], coarser)
         levels.append(coarser)
     starts = np.cumsum([0] + [level.size for level in levels[:-1]]).astype(np.int32)
-    widths, heights = (np.array([level.shape[k] for level in levels], np.int32) for k in (1, 0))
-    return GroundMap(np.concatenate([level.ravel() for level in levels]), starts, widths, heights)
+    rows, columns = height.shape
+    return GroundMap(np.concatenate([level.ravel() for level in levels]), starts, int(columns), int(rows))
 
 
 @by_share
@@ -415,23 +420,33 @@ class ImageSensor:
         config = self._config
         if config.blur_px > 0.0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), config.blur_px)
-        gain = config.gain
-        if gain is None:
-            gain = config.brightness / max(float(np.percentile(radiance[::6, ::6], 90)), 0.1)
         noisy = config.noise == "on"
         image = np.empty(radiance.shape, np.uint8)
         share_out(
             _expose,
             radiance,
             self._transmission,
-            gain,
+            self._gain(radiance),
             config.read_noise * noisy,
             config.shot_noise * noisy,
             self._draws,
             self._seed + frame_index,
             image,
         )
-        return image
+        if config.jpeg_quality is None:
+            return image
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+
+    def _gain(self, radiance: Floats) -> float:
+        """Return the grey levels per unit of radiance: the stated ones, or those that suit the frame."""
+        config = self._config
+        if config.gain is not None:
+            return config.gain
+        gain = config.brightness / max(float(np.percentile(radiance[::6, ::6], 90)), 0.1)
+        if config.gain_step_ev == 0.0:
+            return gain
+        return 2.0 ** (config.gain_step_ev * round(math.log2(gain) / config.gain_step_ev))
 
 
 def _vignette(camera: Camera, loss: float) -> Floats:

@@ -63,7 +63,7 @@ from survey import Camera, InputError
 from survey.core import FloatArray
 from survey.data.frames import Image
 
-_ROWS_AT_ONCE = 8
+_ROWS_AT_ONCE = 4
 _FARTHEST_M = 3000.0
 _ROUNDED_M2 = 0.01
 
@@ -179,21 +179,22 @@ def _paint_row(
 @scalar
 def walk_edges(rays: RowRays, surface: Surface, origin: Doubles) -> None:
     """Compute the exact range, or the sky, of pixels that the table cannot decide."""
+    per_step = 1.0 / surface.step_m
     for c in range(rays.fate.size):
         if rays.fate[c] != EDGE and rays.fate[c] != OUTSIDE:
             continue
+        ux, uy, slope = float(rays.ux[c]), float(rays.uy[c]), float(rays.slope[c])
         start, end = 0.0, _FARTHEST_M
         if rays.fate[c] == EDGE:
             start = max(0.7 / rays.nearest[c] - 2.5, 0.0)
             if rays.farthest[c] > 0.0:
                 end = 1.03 / rays.farthest[c] + 0.1
-        ux, uy, slope = float(rays.ux[c]), float(rays.uy[c]), float(rays.slope[c])
         r = first_hit(surface, origin, ux, uy, slope, start, end)
         if r < 0.0:
             rays.fate[c] = i32(SKY)
             continue
         x, y = origin[0] + ux * r, origin[1] + uy * r
-        z, gx, gy = height_and_gradient(surface.height, 1.0 / surface.step_m, x, y)
+        z, gx, gy = height_and_gradient(surface.height, per_step, x, y)
         rays.range_m[c], rays.z[c], rays.gx[c], rays.gy[c] = f32(r), f32(z), f32(gx), f32(gy)
         rays.fate[c] = i32(FOUND)
 
@@ -242,27 +243,18 @@ def read_surface(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Do
     lattice(n, at)
     for tap in range(2 if longest > 0.6 else 1):
         read_map(
-            tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.widths, ground.heights,
+            tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.columns, ground.rows,
             scene.surface.step_m,
         )  # fmt: skip
     aim(
-        n, at, at.weight0, at.jump0, at.taps, at.level, snow.starts, snow.mask, snow.per_m, snow.gain,
-        to, to.x0, to.y0, to.share0,
-    )  # fmt: skip
-    aim(
-        n, at, at.weight1, at.jump1, at.taps, at.level, snow.starts, snow.mask, snow.per_m, snow.gain,
-        to, to.x1, to.y1, to.share1,
+        n, at, at.weight0, at.weight1, at.taps, at.level, snow.starts, snow.mask, snow.per_m, snow.gain, to,
     )  # fmt: skip
     read_tile(n, at, at.taps, to, snow.words)
     if narrowest >= GRAIN_FROM_M:
         return
     aim(
-        n, at, at.grain0, at.jump0, at.grain_taps, at.grain_level, grain.starts, grain.mask, grain.per_m, grain.gain,
-        to, to.x0, to.y0, to.share0,
-    )  # fmt: skip
-    aim(
-        n, at, at.grain1, at.jump1, at.grain_taps, at.grain_level, grain.starts, grain.mask, grain.per_m, grain.gain,
-        to, to.x1, to.y1, to.share1,
+        n, at, at.grain0, at.grain1, at.grain_taps, at.grain_level, grain.starts, grain.mask, grain.per_m, grain.gain,
+        to,
     )  # fmt: skip
     read_tile(n, at, at.grain_taps, to, grain.words)
 

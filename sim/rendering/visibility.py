@@ -21,7 +21,8 @@ from sim.rendering.compiled import Doubles, Floats, Ints, by_share, entry, f32, 
 from sim.world.fine_terrain import FineTerrain
 
 # Cells of a block that a ray above its highest node may jump over: most of a ray is far above the ground.
-FINE_BLOCK = 16
+FINE_BLOCK = 4
+MIDDLE_BLOCK = 16
 COARSE_BLOCK = 64
 
 
@@ -32,24 +33,25 @@ class Surface(NamedTuple):
     """(rows, columns) [m]."""
     step_m: float
     fine_blocks: Floats
-    """Highest node within one block of each block of 16 × 16 cells [m]."""
+    """Highest node within one block of each block of 4 × 4 cells [m]."""
+    middle_blocks: Floats
+    """The same for 16 × 16 cells, and for 64 × 64 cells."""
     coarse_blocks: Floats
-    """The same for 64 × 64 cells."""
 
 
 def surface_of(terrain: FineTerrain, datum_m: float) -> Surface:
     """Prepare the terrain's heights above a datum."""
     height = np.ascontiguousarray(terrain.height[::-1]) - np.float32(datum_m)
-    return Surface(
-        height, terrain.step_m, _block_maxima(height, FINE_BLOCK), _block_maxima(height, COARSE_BLOCK)
-    )
+    fine, middle, coarse = (_block_maxima(height, n) for n in (FINE_BLOCK, MIDDLE_BLOCK, COARSE_BLOCK))
+    return Surface(height, terrain.step_m, fine, middle, coarse)
 
 
 def _block_maxima(height: Floats, block: int) -> Floats:
-    """Return the highest node of each block and its neighbours: from anywhere in it a jump of one block is safe."""
+    """Return the highest corner of the cells of each block and its neighbours: from anywhere in it a jump of one block is safe."""
+    corners = cv2.dilate(height, np.ones((2, 2), np.uint8), anchor=(0, 0))
     rows, columns = (-(-n // block) for n in height.shape)
     padded = np.full((rows * block, columns * block), -1e9, np.float32)
-    padded[: height.shape[0], : height.shape[1]] = height
+    padded[: height.shape[0], : height.shape[1]] = corners
     highest = padded.reshape(rows, block, columns, block).max(axis=(1, 3))
     return np.ascontiguousarray(cv2.dilate(highest, np.ones((3, 3), np.uint8)))
 
@@ -80,7 +82,6 @@ def first_hit(
     per_x = 1.0 / (ux * per_step) if abs(ux) > 1e-9 else 1e12
     per_y = 1.0 / (uy * per_step) if abs(uy) > 1e-9 else 1e12
     u0, v0 = origin[0] * per_step, origin[1] * per_step
-    far, near = COARSE_BLOCK * surface.step_m, FINE_BLOCK * surface.step_m
     r = start
     while r < end:
         u, v = u0 + ux * per_step * (r + 1e-5), v0 + uy * per_step * (r + 1e-5)
@@ -88,12 +89,9 @@ def first_hit(
         if u < 0.0 or v < 0.0 or u >= columns - 1 or v >= rows - 1:
             return -1.0
         i, j = int(u), int(v)
-        if min(z, z + slope * far) > surface.coarse_blocks[j // COARSE_BLOCK, i // COARSE_BLOCK]:
-            # A little less than a block, for the maximum covers one block to each side and no more.
-            r += 0.99 * far
-            continue
-        if min(z, z + slope * near) > surface.fine_blocks[j // FINE_BLOCK, i // FINE_BLOCK]:
-            r += 0.99 * near
+        free = _free_range(surface, i, j, z, slope)
+        if free > 0.0:
+            r += free
             continue
         leaves = min((i + (1 if ux > 0 else 0) - u0) * per_x, (j + (1 if uy > 0 else 0) - v0) * per_y)
         hit = _patch_hit(height, per_step, i, j, u0 - i, v0 - j, origin[2], ux, uy, slope, r, leaves)
@@ -101,6 +99,20 @@ def first_hit(
             return hit
         r = max(leaves, r + 1e-4)
     return -1.0
+
+
+@scalar
+def _free_range(surface: Surface, i: int, j: int, z: float, slope: float) -> float:
+    """Return how far a ray at a height over a cell is above the blocks of cells around it; 0 when it may be below."""
+    fall = min(slope, 0.0) * surface.step_m
+    # A little less than a block, for the maximum covers one block to each side and no more.
+    if z + fall * COARSE_BLOCK > surface.coarse_blocks[j >> 6, i >> 6]:
+        return 0.99 * COARSE_BLOCK * surface.step_m
+    if z + fall * MIDDLE_BLOCK > surface.middle_blocks[j >> 4, i >> 4]:
+        return 0.99 * MIDDLE_BLOCK * surface.step_m
+    if z + fall * FINE_BLOCK > surface.fine_blocks[j >> 2, i >> 2]:
+        return 0.99 * FINE_BLOCK * surface.step_m
+    return 0.0
 
 
 @scalar

@@ -22,7 +22,8 @@ GRAIN_TEXELS = 1024
 class Tile:
     """Periodic texture with its mipmap; each word packs the 2 × 2 texels of one bilinear sample.
 
-    `words` (n,): all levels one after the other, the finest first. `starts` (L,): index of each level's first
+    `words` (n,): all levels one after the other, the finest first, each in blocks of 4 × 4 words, which are one line of a
+    processor's cache. `starts` (L,): index of each level's first
     word. `texels`: side of the finest level, a power of 2. `texels_per_m`: of the finest level. `amplitude`:
     relative change of brightness that the largest byte stands for.
     """
@@ -93,7 +94,8 @@ def pack_tile(texture: FloatGrid, texels_per_m: float) -> Tile:
             np.uint32
         )
         pair = corner | np.roll(corner, -1, axis=1) << np.uint32(8)
-        words.append((pair | np.roll(pair, -1, axis=0) << np.uint32(16)).ravel())
+        quad = pair | np.roll(pair, -1, axis=0) << np.uint32(16)
+        words.append(quad.reshape(len(quad) // 4, 4, -1, 4).swapaxes(1, 2).ravel())
         starts.append(start)
         start += level.size
         level = 0.25 * (level[::2, ::2] + level[1::2, ::2] + level[::2, 1::2] + level[1::2, 1::2])

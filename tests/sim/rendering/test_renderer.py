@@ -1,5 +1,7 @@
 """The renderer: exact depth, motion that agrees with it, the same bytes whoever computes them."""
 
+from dataclasses import replace
+
 import cv2
 import numba
 import numpy as np
@@ -7,6 +9,8 @@ import pytest
 
 from sim.config.world import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.rendering import Renderer, RoverBox
+from sim.rendering.light import ImageSensor
+from sim.rendering.visibility import surface_of
 from sim.simulate.assembly import RoverCamera, rover_camera
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from survey.core.errors import InputError
@@ -68,6 +72,15 @@ def test_depth_is_that_of_the_exact_ray_caster(
         n += seen.sum()
     assert n > 5000
     assert wrong <= 0.001 * n  # the bar: 99.9 % within 2 cm
+
+
+def test_blocks_of_the_terrain_hold_all_that_a_jump_of_one_block_may_meet(ground: FineTerrain) -> None:
+    north_up = np.zeros_like(ground.height)
+    north_up[::-1][32, 32] = 5.0
+    blocks = surface_of(replace(ground, height=north_up), 0.0).fine_blocks
+    # From the last cell of block 6, number 27, a jump of 4 cells ends in cell 31, of which node 32 is a corner.
+    assert blocks[6, 6] == 5.0
+    assert blocks[5, 6] == blocks[6, 5] == 0.0
 
 
 def test_a_pinhole_sees_the_same_ground(ground: FineTerrain, camera: Camera) -> None:
@@ -213,6 +226,29 @@ def test_noise_has_the_stated_size(ground: FineTerrain, camera: Camera) -> None:
     frames = np.stack([renderer.render(view, frame_index=k) for k in range(40)]).astype(float)
     expected = np.sqrt(0.6**2 + 0.085**2 * frames.mean() + 1.0 / 12.0)  # and rounding to whole levels
     assert frames.std(axis=0).mean() == pytest.approx(expected, rel=0.05)
+
+
+def test_automatic_gain_changes_in_steps(camera: Camera) -> None:
+    imaging = ImagingConfig(width=80, height=60, noise="off", vignetting=0.0, blur_px=0.0, gain_step_ev=1.0)
+    sensor = ImageSensor(imaging, camera, 1)
+    # For a level of 200 these would need gains of 267, 222 and 125; the powers of two nearest to them are 256 and 128.
+    for radiance, gain in ((0.75, 256.0), (0.9, 256.0), (1.6, 128.0)):
+        image = sensor.image(np.full((60, 80), radiance, np.float32), 0)
+        assert image == pytest.approx(gain * radiance, abs=0.51)
+
+
+def test_jpeg_compresses_the_image_of_the_sensor(ground: FineTerrain, camera: Camera) -> None:
+    view = body_pose(ground, 20.0, 20.0, 0.4) @ camera.T_body_camera
+    plain, fine, coarse = (
+        Renderer(
+            ground, AppearanceConfig(), camera, seed=4, imaging=QUIET.model_copy(update={"jpeg_quality": q})
+        )
+        for q in (None, 100, 10)
+    )
+    image = plain.render(view)
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 10])
+    np.testing.assert_array_equal(coarse.render(view), cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+    assert np.abs(fine.render(view).astype(int) - image).max() <= 3
 
 
 @pytest.mark.parametrize(
