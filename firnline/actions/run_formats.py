@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from firnline.actions.interface import needs_live_extra
 from survey import ConfigError
 from survey.core.replacement import replacing_folder
-from survey.core.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from sim.config.mission import MissionConfig
@@ -56,6 +55,7 @@ def _drive(source: Path, rover: int | None) -> _Drive:
     from sim.mission.fleet import drive_folders
     from sim.mission.runs import read_mission
     from survey import Recording, Trajectory
+    from survey.core.run_folder import RunFolder
 
     run = RunFolder.find(source)
     folders = drive_folders(run.verified("simulate"))
@@ -91,6 +91,8 @@ def _foxglove(source: Path, rover: int | None) -> OpenedRun:
         raise ConfigError("the file holds all rovers; leave --rover out.")
     with needs_live_extra():
         from live.mcap_files import write_drive_mcap, write_run_mcap
+    from survey.core.run_folder import RunFolder
+
     if source.is_dir():
         RunFolder.find(source).verify("simulate")
 
