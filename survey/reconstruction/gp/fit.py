@@ -35,7 +35,7 @@ from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasure
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, is_little_work
 from survey.reconstruction.gp.engines.regression import Process
-from survey.reconstruction.gp.engines.spline_grid import predict_on_fine_axes
+from survey.reconstruction.gp.engines.spline_grid import first_stride, predict_on_fine_axes
 from survey.reconstruction.gp.kernel_average import averaged_kernels
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean, with_prior_error
@@ -268,6 +268,11 @@ class Learned:
     def solves_each_node(self) -> bool:
         """Whether every exact node costs a solve, and a spline may give the others; a stated engine stays exact."""
         return self.process.solves_each_node and not self.choice.is_stated
+
+    def expected_s(self, grid: Grid) -> float:
+        """Return the expected time to judge the points and to map the nodes of a grid [s]."""
+        stride = first_stride(*grid.shape, len(self.process.data)) if self.solves_each_node else 1
+        return self.process.expected_s(grid.x[::stride], grid.y[::stride])
 
     def on(self, grid: Grid) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
         """Return height [m], standard deviation [m] and support code (H, W) on the nodes of a grid."""

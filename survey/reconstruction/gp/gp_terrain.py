@@ -28,7 +28,6 @@ from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import EngineName
-from survey.reconstruction.gp.engines.spline_grid import first_stride
 from survey.reconstruction.gp.families import kernel_facts, kernel_from
 from survey.reconstruction.gp.fit import (
     MOST_AT_ONCE,
@@ -120,8 +119,7 @@ class MapWatch(NamedTuple):
         process = learned.process
         if rows * columns < _N_LARGE and not process.divides_site:
             return
-        stride = first_stride(rows, columns, len(process.data)) if learned.solves_each_node else 1
-        mapping_s = process.expected_s(self.grid.x[::stride], self.grid.y[::stride]) + _finishing_s(
+        mapping_s = learned.expected_s(self.grid) + _finishing_s(
             learned, self.grid
         )
         text = _time_text(learning_s + _BESIDE_MAPPING * mapping_s)
