@@ -14,18 +14,21 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Details, Lengths, NoPictures, Select, stated_details
+from firnline.actions.requests import Details, Lengths, PictureOptions, Select, stated_details
 from firnline.actions.score_request import map_of, today
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
+from survey.core.files import picture_files
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from survey.scoring.differencing.volume_change import Change
 
 
 OUTPUTS = (
     "along_flow.tif", "along_flow.tif.aux.xml", "change.tif", "change.tif.aux.xml", "change.csv",
-    "change.gpkg", "change.json", "change.png", "change_bands.csv",
+    "change.gpkg", "change.json", *picture_files("change"), "change_bands.csv",
 )  # fmt: skip
 """Files that the command writes into its folder."""
 # From fresh snow to rock debris.
@@ -33,7 +36,7 @@ _DENSITIES_KG_M3 = (50.0, 3000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeRequest:
+class ChangeRequest(PictureOptions):
     """Two surveys to compare."""
 
     later: Annotated[
@@ -95,14 +98,13 @@ class ChangeRequest:
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
     ] = 2.0
-    out: Annotated[Path, Option("--out", "-o", help="Folder for change.tif, .csv, .gpkg, .json, .png.")] = (
-        Path("change")
-    )
+    out: Annotated[
+        Path, Option("--out", "-o", help="Folder for change.tif, .csv, .gpkg, .json and the picture.")
+    ] = Path("change")
     report: Annotated[
         Path | None, Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
     details: Details = field(default_factory=list)
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a change that is there.")] = False
 
     @property
@@ -171,12 +173,14 @@ class ChangeResult(WrittenResult):
 
         with replacing_folder(self.request.out, own=OUTPUTS) as draft:
             write_change(draft, self.change, *self._density, outlines=self.outlines)
-            if not self.request.no_pictures:
-                from survey.figures import change_map, png_bytes
-
-                (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
+            self.request.write_pictures(draft, self._pictures)
         if self.request.report is not None:
             self._write_report(self.request.report)
+
+    def _pictures(self) -> dict[str, "Figure"]:
+        from survey.figures import change_map
+
+        return {"change": change_map(self.change, self.outlines)}
 
     @property
     def _density(self) -> tuple[float, float]:
@@ -203,7 +207,8 @@ class ChangeResult(WrittenResult):
         names = {role: path.name for role, path in inputs if path is not None}
         title = f"{names['Later survey']} minus {names['Earlier survey']}"
         setting = ReportSetting(title, today(), {**stated_details(self.request.details), **names})
-        write_document(report, change_report(setting, self.change, self.outlines, self.facts()))
+        document = change_report(setting, self.change, self.outlines, self.facts())
+        write_document(report, document, self.request.pictures)
 
 
 def preview_change(request: ChangeRequest) -> Preview:

@@ -24,7 +24,7 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, NoPictures, Product, RunOptions, Select
+from firnline.actions.requests import Above, Below, Lengths, PictureOptions, Product, RunOptions, Select
 from survey.core import InputError
 
 if TYPE_CHECKING:
@@ -39,10 +39,11 @@ logger = logging.getLogger(__name__)
 
 _ROUTES = (".geojson", ".gpkg")
 _FORMATS = (*_ROUTES, ".pdf", ".qgz")
+_PICTURES = ("picture", "errors")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanRequest(RunOptions):
+class PlanRequest(RunOptions, PictureOptions):
     """What is to be planned, and where the plan is written; None stands for an option that was not given."""
 
     source: Annotated[
@@ -177,7 +178,6 @@ class PlanRequest(RunOptions):
             help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
         ),
     ] = Path("route.geojson")
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace the route and its picture where they exist.")] = (
         False
     )
@@ -186,10 +186,10 @@ class PlanRequest(RunOptions):
     def files(self) -> dict[str, Path]:
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:
-            files = {"route": self.out, "picture": self.out.with_suffix(".png")}
+            files = {"route": self.out, "picture": self.out.with_suffix(f".{self.pictures}")}
             files = files if self.season is None else files | self._season_files
             return {
-                name: file for name, file in files.items() if not (self.no_pictures and file.suffix == ".png")
+                name: file for name, file in files.items() if not (self.no_pictures and name in _PICTURES)
             }
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
         if self.out.suffix.lower() == ".qgz":
@@ -205,14 +205,14 @@ class PlanRequest(RunOptions):
         """Files of a season's design beside the route."""
         return {
             name: self.out.with_name(f"{self.out.stem}_season{suffix}")
-            for name, suffix in (("table", ".csv"), ("errors", ".png"))
+            for name, suffix in (("table", ".csv"), ("errors", f".{self.pictures}"))
         }
 
     def remove_old_pictures(self) -> None:
         """Remove the pictures of a plan that was replaced, where none are drawn of the new one."""
         if self.no_pictures and self.force:
-            for file in replace(self, no_pictures=False).files.values():
-                if file.suffix == ".png":
+            for name, file in replace(self, no_pictures=False).files.items():
+                if name in _PICTURES:
                     file.unlink(missing_ok=True)
 
     @property
@@ -453,13 +453,13 @@ def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawi
         with replacing_files(request.out) as (route_file,):
             route.write(route_file)
         return
-    from survey.figures import plan_map, png_bytes
+    from survey.figures import picture_bytes, plan_map
 
     pieces = [piece.polygon for piece in drawing.left_out]
     figure = plan_map(drawing.area, route, terrain=drawing.terrain, std=drawing.std(route), left_out=pieces)
     with replacing_files(request.out, request.files["picture"]) as (route_file, picture_file):
         route.write(route_file)
-        picture_file.write_bytes(png_bytes(figure))
+        picture_file.write_bytes(picture_bytes(figure, request.pictures))
 
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:

@@ -192,6 +192,7 @@ _OF_AN_AREA = (
     "assume",
     "force",
     "no_pictures",
+    "pictures",
     "season",
     "dates",
     "select",

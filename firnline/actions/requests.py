@@ -3,12 +3,17 @@
 The modules of these actions load much, and the command line reads the requests at its start, so that they stand here.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from firnline.actions.interface import Argument, Option
 from survey.core import ConfigError
+from survey.core.files import PictureKind
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 RUNS = Path("results/runs")
 
@@ -61,7 +66,30 @@ def stated_details(details: list[str]) -> dict[str, str]:
     return {title: given[name].strip() for name, title in _DETAILS.items() if name in given}
 
 
-NoPictures = Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")]
+Pictures = Annotated[
+    PictureKind,
+    Option(
+        "--pictures", help="Format of pictures: png, pdf or svg; the last two for print, with their fonts."
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions:
+    """Options of the actions that draw pictures beside their results."""
+
+    no_pictures: Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")] = False
+    pictures: Pictures = "png"
+
+    def write_pictures(self, folder: Path, draw: Callable[[], Mapping[str, "Figure"]]) -> None:
+        """Write figures into a folder, each under its name in the chosen format, unless none are wanted."""
+        if self.no_pictures:
+            return
+        from survey.figures.style import write_pictures
+
+        write_pictures(folder, draw(), self.pictures)
+
+
 Workers = Annotated[
     int | None,
     Option(
@@ -159,7 +187,7 @@ System = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReconstructRequest(RunOptions):
+class ReconstructRequest(RunOptions, PictureOptions):
     """What is to be mapped; None stands for an option that was not given."""
 
     sources: Annotated[
@@ -261,7 +289,6 @@ class ReconstructRequest(RunOptions):
         Path | None,
         Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
     ] = None
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a reconstruction that is there.")] = False
 
     @property
@@ -333,6 +360,14 @@ class ReportRequest(RunOptions):
     """Run whose report is to be drawn."""
 
     source: Annotated[Path, Argument(help="A run folder, or a mission file (TOML).")]
+    pictures: Annotated[
+        PictureKind | None,
+        Option("--pictures", help="Format of the figures beside the page.  [default: png; pdf with --paper]"),
+    ] = None
+    paper: Annotated[
+        Literal["agu", "copernicus", "ieee"] | None,
+        Option("--paper", help="Draw the figures at the column widths of a publisher, for a paper."),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,6 +390,7 @@ class MonteCarloRequest(ExecutionOptions):
         "results/montecarlo"
     )
     fresh: Annotated[bool, Option("--fresh", help="Do every trial again.")] = False
+    pictures: Pictures = "png"
     settings: Settings = field(default_factory=list)
 
 
@@ -364,3 +400,4 @@ class RehearseRequest(RunOptions, ExecutionOptions):
 
     mission: Annotated[Path, Argument(help="Mission file (TOML).")]
     n_runs: Annotated[int, Option("--count", "-n", min=1, help="Number of runs.")] = 50
+    pictures: Pictures = "png"

@@ -255,15 +255,21 @@ def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | 
     InputError
         A run without a score.
     """
+    is_usual = request.pictures in (None, "png") and request.paper is None
     if request.source.suffix == ".toml":
-        return replace(
-            run_until(request.source, "report", request, watch=watch, verbose=verbose), wanted=None
-        )
+        stage = "report" if is_usual else "score"
+        made = run_until(request.source, stage, request, watch=watch, verbose=verbose)
+        if is_usual:
+            return replace(made, wanted=None)
+        found = made.run
+    else:
+        found = _scored_run(request.source)
     from sim.mission.report import write_mission_report
+    from survey.figures.layout import PictureForm
 
-    found = _scored_run(request.source)
+    kind = request.pictures or ("png" if request.paper is None else "pdf")
     with found.stage("report") as folder:
-        write_mission_report(folder, found)
+        write_mission_report(folder, found, PictureForm(kind, request.paper))
     return RunResult(found)
 
 

@@ -12,6 +12,7 @@ from firnline.actions.requests import (
     Details,
     Layout,
     Lengths,
+    Pictures,
     RunOptions,
     Select,
     columns_option,
@@ -114,6 +115,7 @@ class ScoreRequest(RunOptions):
         str, Option("--language", help="Language of the statements beside English: en or de.")
     ] = "en"
     details: Details = field(default_factory=list)
+    pictures: Pictures = "png"
     force: Annotated[bool, Option("--force", help="Replace a report that is there.")] = False
 
     @property

@@ -121,7 +121,7 @@ class ScoreResult(Result):
             return self
         from survey.reporting.document import write_document
 
-        return replace(self, written=write_document(place, self.document()))
+        return replace(self, written=write_document(place, self.document(), self.request.pictures))
 
     @property
     def is_met(self) -> bool:

@@ -27,7 +27,15 @@ from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
-from survey.figures.layout import MapFigure, add_colour_bar, draw_scale_and_north, map_figure, widen
+from survey.figures.layout import (
+    MapFigure,
+    add_colour_bar,
+    add_legend,
+    draw_scale_and_north,
+    label_maps,
+    map_figure,
+    widen,
+)
 from survey.figures.map_layers import (
     decimate,
     draw_area,
@@ -89,7 +97,7 @@ def plan_map(
     """
     area.require_crs(route.crs, "the route")
     bounds = _extent(area)
-    drawing = map_figure(FULL_IN, bounds, legend=True)
+    drawing = map_figure(FULL_IN, bounds)
     axes = drawing.maps[0]
     handles: list[Artist] = []
     if terrain is not None:
@@ -107,10 +115,8 @@ def plan_map(
         add_colour_bar(image, drawing, "Elevation [m]")
     else:
         drawing.bar.set_axis_off()
-    draw_scale_and_north(drawing, crs=area.crs)
-    axes.set_title("Survey plan")
-    columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
-    drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)
+    label_maps(drawing, "Survey plan", crs=area.crs)
+    add_legend(drawing, handles)
     return drawing.figure
 
 
