@@ -232,11 +232,11 @@ class PlanRequest(RunOptions, PictureOptions):
 
     def given(self, *names: str) -> list[str]:
         """Return those of the named options that were given, as they are written on the command line."""
-        known = {field.name for field in fields(self)}
+        usual = {field.name: field.default for field in fields(self)}
         return [
             "--" + ("set" if name == "settings" else name.replace("_", "-"))
             for name in names
-            if name in known and getattr(self, name) not in (None, False, (), [])
+            if name in usual and getattr(self, name) not in (None, False, (), [], usual[name])
         ]
 
     @property

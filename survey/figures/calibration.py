@@ -18,7 +18,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.errors import height_error
-from survey.figures.layout import MapFigure, label_maps
+from survey.figures.layout import MapFigure, label_maps, set_up_map
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, REFERENCE, styled
 from survey.reconstruction.checks import PredictiveCheck
 from survey.reconstruction.terrain_map import Reconstruction
@@ -181,5 +181,5 @@ def _draw_coverage_map(axes: Axes, coverage: FloatArray, bounds: Bounds) -> None
         cmap="cividis",
         interpolation="nearest",
     )
-    axes.set(xlabel="Easting [m]", ylabel="Northing [m]")
+    set_up_map(axes, bounds)
     axes.figure.colorbar(image, ax=axes, format=PercentFormatter(1.0, decimals=0), extend="min")

@@ -328,10 +328,10 @@ def residual_quantiles(errors: FloatArray, statistics: ErrorStatistics) -> Figur
         ends,
         statistics.median_m + statistics.nmad_m * ends,
         color=MUTED,
-        label="Normal with the median and NMAD of the residuals",
+        label="Normal, of equal median and NMAD",
     )
     axes.plot(normal[::every], ordered[::every], "o", color=CLAIM, markersize=3.0)
-    axes.set(xlabel="Quantile of the standard normal distribution", ylabel="Residual [m]")
+    axes.set(xlabel="Quantile of the normal distribution", ylabel="Residual [m]")
     axes.grid(visible=True)
     axes.set_title("Normal quantiles")
     figure.legend(loc="outside lower center")

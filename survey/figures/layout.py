@@ -83,7 +83,7 @@ def map_figure(width_in: float, bounds: Bounds, *, n_maps: int = 1) -> MapFigure
     maps = [figure.add_axes((0.0, 0.0, 1.0, 1.0), label=MAP) for _ in range(n_maps)]
     drawing = MapFigure(figure, maps, figure.add_axes((0.0, 0.0, 1.0, 1.0), label=COLOUR_BAR))
     for index, axes in enumerate(maps):
-        _set_up_map(axes, bounds, first=index == 0, crowded=n_maps > 1)
+        set_up_map(axes, bounds, first=index == 0, crowded=n_maps > 1)
     _place_maps(drawing, width_in, n_columns=n_maps)
     return drawing
 
@@ -143,7 +143,7 @@ def _legend_columns(labels: Sequence[str], width_in: float) -> int:
     return max(min(int(width_in / widest), len(labels)), 1)
 
 
-def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> None:
+def set_up_map(axes: Axes, bounds: Bounds, *, first: bool = True, crowded: bool = False) -> None:
     """Give the axes a map's limits, true proportions, and easting and northing in metres."""
     xmin, ymin, xmax, ymax = bounds
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", facecolor=VEIL, xlabel="Easting [m]")
@@ -258,8 +258,9 @@ def _scale_factor(axes: Axes, crs: CRS) -> float:
 NARROW_IN = 4.0
 """Width of a narrow figure [in]; a phone shows 90 CSS pixels per inch."""
 _STACKED_BELOW_IN = 6.0
+_N_LAYOUTS = 2
 # Mean width of a letter of a title [in].
-_TITLE_LETTER_IN = 0.079
+_TITLE_LETTER_IN = 0.084
 _MM_PER_IN = 25.4
 PAPERS_MM = {"agu": (95.0, 190.0), "copernicus": (83.0, 120.0), "ieee": (88.9, 182.0)}
 """Widths of figures in one and in two columns [mm], by publisher, from their instructions to authors."""
@@ -316,6 +317,9 @@ def arranged(figure: Figure, width_in: float) -> Iterator[None]:
             changes.enter_context(_stacked_panels(figure, width_in))
         else:
             figure.set_figwidth(width_in)
+        # An automatic layout comes to rest after a few drawings.
+        for _ in range(_N_LAYOUTS if not maps else 0):
+            figure.draw_without_rendering()
         yield
         figure.set_size_inches(*size)
 

@@ -20,7 +20,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 from scipy.ndimage import distance_transform_edt
-from shapely import MultiPoint, MultiPolygon, Polygon, get_coordinates, get_parts
+from shapely import (
+    LineString,
+    MultiLineString,
+    MultiPoint,
+    MultiPolygon,
+    Polygon,
+    get_coordinates,
+    get_parts,
+    intersection,
+)
 
 from survey.core import FloatArray, round_number
 from survey.data.area import SurveyArea
@@ -339,22 +348,14 @@ def _label_places(
     """Return places in the area for labels of the strong levels, or else of a few: the middle of a contour's longest run."""
     found: dict[float, tuple[float, float]] = {}
     for level, path in zip(lines.levels, lines.get_paths(), strict=True):
-        runs = [_longest_inside(part, area) for part in path.to_polygons(closed_only=False)]
-        longest = max(runs, key=len, default=np.empty((0, 2)))
-        if len(longest) > 1:
-            x, y = longest[len(longest) // 2]
-            found[float(level)] = float(x), float(y)
+        contour = [LineString(part) for part in path.to_polygons(closed_only=False) if len(part) > 1]
+        pieces = get_parts(intersection(MultiLineString(contour), area.polygon))
+        if len(pieces):
+            middle = max(pieces, key=lambda piece: piece.length).interpolate(0.5, normalized=True)
+            found[float(level)] = middle.x, middle.y
     chosen = {level: place for level, place in found.items() if level in strong}
     every = max(math.ceil(len(found) / _MOST_LABELS), 1)
     return chosen or dict(list(found.items())[every // 2 :: every])
-
-
-def _longest_inside(xy: FloatArray, area: SurveyArea) -> FloatArray:
-    """Return the longest run of vertices (N, 2) of a line that lies in an area."""
-    inside = area.contains(xy)
-    runs = np.split(np.arange(len(xy)), np.flatnonzero(np.diff(inside)) + 1)
-    longest = max((run for run in runs if len(run) and inside[run[0]]), key=len, default=np.arange(0))
-    return np.asarray(xy[longest])
 
 
 _MOST_SIGNS = 24
@@ -371,6 +372,6 @@ def mark_signs(axes: Axes, values: FloatArray, dem: Dem, limits: Normalize) -> N
     mean = np.where(np.isfinite(blocks), blocks, 0.0).mean(axis=(1, 3))
     for sign, marker in ((1.0, "+"), (-1.0, "_")):
         row, column = np.nonzero(sign * mean > _MARKED_SHARE * float(limits.vmax or 0.0))
-        axes.plot(
-            x[column], y[row], marker, color=INK, markersize=3.0, markeredgewidth=0.5, alpha=0.7, zorder=1.4
-        )
+        if len(row):
+            look: dict[str, Any] = {"markersize": 3.0, "markeredgewidth": 0.5, "alpha": 0.7, "zorder": 1.4}
+            axes.plot(x[column], y[row], marker, color=INK, **look)

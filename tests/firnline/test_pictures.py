@@ -4,58 +4,36 @@ import ast
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 import shapely
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from sim.mission.rehearsal import fault_tree, fault_tree_plot, summarize_outcomes
 from sim.montecarlo.results import error_curves
 from survey import figures as drawn
+from survey.core.files import PictureKind
 from survey.data.dem import Dem
 from survey.figures import calibration, errors, maps, paths, plans
 from survey.figures.layout import PAPERS_MM, PictureForm, arranged, is_wide
-from survey.figures.style import FULL_IN, picture_bytes, styled
+from survey.figures.style import FULL_IN, picture_bytes
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.scoring import Change, Checkpoints, ErrorStatistics, compare
-from tests.survey.conftest import scored, site  # noqa: F401  (fixtures)
+from tests.printing import assert_fonts_embedded, assert_printable
+from tests.sim.mission.test_fault_tree import FOUND
+from tests.survey import conftest
 from tests.survey.figures.test_season import ERRORS, PARTS
 from tests.survey.figures.test_sheets import content
-from tests.sim.mission.test_fault_tree import FOUND
 from tests.test_structure import ROOT, product
 
-LEAST_PT, PAGE_IN = 6.0, 180.0 / 25.4
-"""Smallest letters [pt] where a figure of a page's width is printed 180 mm wide."""
-_EDGE_IN = 0.02
+site, scored = conftest.site, conftest.scored
 _ELSEWHERE = {
     "calibration_figure": "tests/vision_slam/test_calibrate.py",
     "tracks_on_frames": "tests/vision_slam/test_recordings.py",
     "document_pages": "tests/survey/reporting/test_document.py",
 }
 """Figures that need images or a whole report, with the file of their test."""
-
-
-def assert_printable(figure: Figure, share: float = PAGE_IN / FULL_IN) -> None:
-    """Measure letters and edges of a figure that is printed at a share of its size."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    letters = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
-    smallest = min(letters, key=lambda text: text.get_fontsize())
-    assert smallest.get_fontsize() * share >= LEAST_PT, smallest.get_text()
-    box, (width, height) = figure.get_tightbbox(canvas.get_renderer()), figure.get_size_inches()
-    cut = {"left": -box.x0, "below": -box.y0, "right": box.x1 - width, "above": box.y1 - height}
-    assert max(cut.values()) <= _EDGE_IN, cut
-
-
-def assert_fonts_embedded(pdf: bytes, svg: bytes) -> None:
-    """Find every font in a PDF as TrueType, and no letter in an SVG that needs a font."""
-    assert pdf.count(b"/Type /FontDescriptor") == pdf.count(b"/FontFile2") > 0
-    assert b"/Type3" not in pdf
-    assert not list(ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text"))
 
 
 def _rows() -> list[dict[str, Any]]:
@@ -68,7 +46,7 @@ def _rows() -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _change(site: SimpleNamespace) -> Change:  # noqa: F811
+def _change(site: SimpleNamespace) -> Change:
     difference = Dem.on(site.grid, site.truth.elevation - 1500.0)
     return Change(difference, np.full(site.grid.shape, 0.2), np.ones(site.grid.shape), (), "variogram")
 
@@ -78,7 +56,7 @@ def _check() -> PredictiveCheck:
     return PredictiveCheck("swaths", 4, scores, scores, (1.0, 5.0), (9.0, 4.0), (0.4, 0.3), (1.0, 1.0))
 
 
-def _residuals(site: SimpleNamespace) -> Any:  # noqa: F811
+def _residuals(site: SimpleNamespace) -> Any:
     xyz = site.points.xyz + [0.0, 0.0, 0.1]
     names = tuple(f"Mark {k}" for k in range(24))
     return compare(site.truth, Checkpoints(xyz[:24], np.full(24, 0.02), names=names, crs=site.grid.crs))
@@ -132,57 +110,68 @@ FIGURES: dict[str, Callable[[SimpleNamespace, Any], Any]] = {
 def _functions_that_draw() -> Iterator[str]:
     for _, tree, _ in product():
         for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef) and node.returns is not None and not node.name.startswith("_"):
-                if ast.unparse(node.returns) in ("Figure", "list[Figure]"):
-                    yield node.name
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and node.returns:
+                kind = ast.unparse(node.returns)
+                yield from [node.name] if kind in ("Figure", "list[Figure]") else []
 
 
 def test_every_function_that_draws_is_measured() -> None:
     assert set(_functions_that_draw()) == {*FIGURES, *_ELSEWHERE}
     for name, file in _ELSEWHERE.items():
-        assert f"assert_printable({name}(" in (ROOT / file).read_text(encoding="utf-8")
+        text = (ROOT / file).read_text(encoding="utf-8")
+        assert f"{name}(" in text
+        assert "assert_printable(" in text
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_letters_are_readable_in_print_and_nothing_is_cut(name: str, site: SimpleNamespace, scored: Any) -> None:  # noqa: F811
+def test_letters_are_readable_in_print_and_nothing_is_cut(
+    name: str, site: SimpleNamespace, scored: Any
+) -> None:
     found = FIGURES[name](site, scored)
     sheets = found if isinstance(found, list) else [found]
     for figure in sheets:
-        styled(assert_printable)(figure, 1.0 if found is sheets else PAGE_IN / FULL_IN)
+        assert_printable(figure, **({"share": 1.0} if found is sheets else {}))
 
 
+_ALONE = [name for name in FIGURES if name != "plan_sheets"]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("paper", PAPERS_MM)
-@pytest.mark.parametrize("name", [name for name in FIGURES if name != "plan_sheets"])
+@pytest.mark.parametrize("name", _ALONE)
 def test_figures_fit_the_columns_of_a_publisher(
     name: str,
     paper: str,
-    site: SimpleNamespace,  # noqa: F811
-    scored: Any,  # noqa: F811
+    site: SimpleNamespace,
+    scored: Any,
 ) -> None:
     figure = FIGURES[name](site, scored)
     width_in = PAPERS_MM[paper][is_wide(figure)] / 25.4
 
-    @styled
-    def measured() -> None:
-        with arranged(figure, width_in):
-            assert figure.get_figwidth() == pytest.approx(width_in)
-            assert_printable(figure, 1.0)
-
-    measured()
+    with arranged(figure, width_in):
+        assert figure.get_figwidth() == pytest.approx(width_in)
+        assert_printable(figure, share=1.0)
 
 
-@pytest.mark.parametrize("name", [name for name in FIGURES if name != "plan_sheets"])
-def test_fonts_are_embedded_and_equal_figures_give_equal_bytes(
+@pytest.mark.long
+@pytest.mark.parametrize("name", _ALONE)
+def test_fonts_are_embedded(
     name: str,
-    site: SimpleNamespace,  # noqa: F811
-    scored: Any,  # noqa: F811
+    site: SimpleNamespace,
+    scored: Any,
 ) -> None:
     figure = FIGURES[name](site, scored)
-    pdf, svg = picture_bytes(figure, "pdf"), picture_bytes(figure, "svg")
-    assert_fonts_embedded(pdf, svg)
-    assert (pdf, svg) == (picture_bytes(figure, "pdf"), picture_bytes(figure, "svg"))
+    assert_fonts_embedded(picture_bytes(figure, "pdf"), picture_bytes(figure, "svg"))
 
 
-def test_a_figure_for_a_paper_has_the_width_of_its_columns(site: SimpleNamespace) -> None:  # noqa: F811
+@pytest.mark.parametrize("kind", get_args(PictureKind))
+def test_equal_figures_give_equal_bytes(kind: PictureKind) -> None:
+    first, second = (
+        picture_bytes(plans.season_plot(ERRORS, 0.3, (4, 0.29), PARTS, "m"), kind) for _ in range(2)
+    )
+    assert first == second
+
+
+def test_a_figure_for_a_paper_has_the_width_of_its_columns(site: SimpleNamespace) -> None:
     svg = PictureForm("svg", "ieee").render(drawn.deviation_map(site.reconstruction))
     assert float(ET.fromstring(svg).attrib["width"].removesuffix("pt")) == pytest.approx(88.9 / 25.4 * 72.0)

@@ -171,9 +171,17 @@ def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.
     def full(*_: object) -> bytes:
         raise InputError("the disk is full")
 
-    monkeypatch.setattr("survey.figures.png_bytes", full)
+    monkeypatch.setattr("survey.figures.style.picture_bytes", full)
     output_of(*args, "--force", "--no-level", code=3)
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == old
+
+
+def test_the_pictures_of_a_change_and_of_its_report_are_drawn_in_the_chosen_format(site: Path) -> None:
+    output_of(*_surveys(site), "--pictures", "svg", "--report", "stated")
+    assert [file.name for file in Path("out").glob("change.*") if file.suffix in (".png", ".svg")] == [
+        "change.svg"
+    ]
+    assert [file.name for file in Path("stated/figures").iterdir()] == ["change.svg"]
 
 
 def test_names_of_outlines_are_escaped_in_tables_and_on_the_terminal(site: Path) -> None:
