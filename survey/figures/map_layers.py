@@ -349,9 +349,10 @@ def _label_places(
     found: dict[float, tuple[float, float]] = {}
     for level, path in zip(lines.levels, lines.get_paths(), strict=True):
         contour = [LineString(part) for part in path.to_polygons(closed_only=False) if len(part) > 1]
-        pieces = get_parts(intersection(MultiLineString(contour), area.polygon))
-        if len(pieces):
-            middle = max(pieces, key=lambda piece: piece.length).interpolate(0.5, normalized=True)
+        inside = get_parts(intersection(MultiLineString(contour), area.polygon))
+        longest = max(inside, key=lambda piece: piece.length, default=None)
+        if longest is not None and longest.length > 0.0:
+            middle = longest.interpolate(0.5, normalized=True)
             found[float(level)] = middle.x, middle.y
     chosen = {level: place for level, place in found.items() if level in strong}
     every = max(math.ceil(len(found) / _MOST_LABELS), 1)
