@@ -15,7 +15,7 @@ from firnline.actions.interface import (
     with_companions,
 )
 from firnline.actions.requests import Details, Lengths, PictureOptions, Select, stated_details
-from firnline.actions.score_request import map_of, today
+from firnline.actions.score_request import map_of, today, with_datum
 from firnline.actions.tracking import flow_between
 from survey.core import ConfigError, printable
 from survey.core.files import picture_files
@@ -94,6 +94,7 @@ class ChangeRequest(PictureOptions):
     crs: Annotated[
         str | None, Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS).")
     ] = None
+    datum: Annotated[str | None, Option("--datum", help="Vertical datum of surveys that state none.")] = None
     units: Lengths = None
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
@@ -220,7 +221,7 @@ def preview_change(request: ChangeRequest) -> Preview:
     surveys = {"later": request.later, "earlier": request.earlier}
     if all(source.suffix == ".npz" for source in surveys.values()):
         return Preview.of(writes)
-    *read, _ = surveys_of(request.later, request.earlier, request.crs, request.units)
+    *read, _ = surveys_of(request)
     dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
     if request.outline is not None:
@@ -263,7 +264,7 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request)
-    new, old, note = surveys_of(request.later, request.earlier, request.crs, request.units)
+    new, old, note = surveys_of(request)
     crs = (new if isinstance(new, survey.Dem) else new.mean).crs
     glaciers = Glaciers({}, {})
     if request.outline is not None:
@@ -388,15 +389,19 @@ class Surveys(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
+def surveys_of(request: ChangeRequest) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
     from survey.scoring.differencing.change_files import average_survey, averaged_step_m
 
-    step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
+    files = [request.later, request.earlier]
+    step_m = averaged_step_m(files) if all(map(_is_raster, files)) else None
     if step_m is None:
-        return Surveys(_survey(later, crs, units), _survey(earlier, crs, units))
+        return Surveys(*(_survey(file, request) for file in files))
     note = f"the surveys were averaged over squares of about {step_m:.3g} m before the comparison."
-    new, old = (average_survey(file, step_m, crs, units) for file in (later, earlier))
+    new, old = (
+        with_datum(average_survey(file, step_m, request.crs, request.units), request.datum, file)
+        for file in files
+    )
     return Surveys(new, old, (note,))
 
 
@@ -404,10 +409,10 @@ def _is_raster(source: Path) -> bool:
     return source.is_file() and source.suffix != ".npz"
 
 
-def _survey(source: Path, crs: str | None, units: str | None) -> "survey.Reconstruction | survey.Dem":
+def _survey(source: Path, request: ChangeRequest) -> "survey.Reconstruction | survey.Dem":
     """Read a map that is no terrain model."""
     if source.suffix == ".npz":
         raise survey.InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
         )
-    return map_of(source, crs, units=units)
+    return map_of(source, request.crs, units=request.units, datum=request.datum)

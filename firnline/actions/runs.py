@@ -129,6 +129,8 @@ class RunResult(Result):
         if "score" in content:
             lines.append(fact_line("RMSE", f"{content['score']['elevation']['rmse_m']:.3f} m"))
             lines.append(fact_line("class", best_class(content["score"])))
+            if self.wanted is not None:
+                lines.append(fact_line("required", f"{self.wanted}, {'met' if self.is_met else 'not met'}"))
         lines += [fact_line("map", sentence) for sentence in content.get("own_claim", [])]
         end = "report" if "report" in content else "run"
         return [*lines, fact_line(end, content[end])]

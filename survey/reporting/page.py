@@ -34,7 +34,7 @@ from survey.reporting.survey_results import (
     SurveyResults,
 )
 from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
-from survey.scoring.standards.map_classes import Verdict, judge, own_claim
+from survey.scoring.standards.map_classes import Verdict, edition_2_class, judge, own_claim
 
 
 def write_report(
@@ -399,7 +399,9 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
 
 def conditions(score: Score) -> list[str]:
     """Return what the verdict assumes: the standard's condition, and the share of the area that it covers."""
-    notes = [score.verdicts[0].note] if score.verdicts[0].note else []
+    by_edition_2 = f"By ASPRS Edition 2 (2024) its RMSE is within the {edition_2_class(score.elevation.rmse_m)}, vertical."
+    notes = [] if score.verdicts[0].is_withheld else [by_edition_2]
+    notes += [score.verdicts[0].note] if score.verdicts[0].note else []
     if score.n_silent:
         notes.append(
             f"The map gives a height on {percent(score.covered_share)} of the area; "

@@ -6,6 +6,7 @@ removing the best vertical offset. A class is certified where it is met with a p
 certificate is as good as the map's standard deviation.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -156,6 +157,17 @@ def judge(rmse_m: float, standard: str = PAPER, *, covered_share: float = 1.0) -
         )
         for row in map_classes(standard)
     )
+
+
+def edition_2_class(rmse_m: float) -> str:
+    """Return the tightest vertical class of ASPRS Edition 2 that an RMSE meets, in steps of a millimetre.
+
+    The edition lists no classes: a class of # cm means that the RMSE is at most # cm (section 7.4).
+
+    >>> edition_2_class(0.0604), edition_2_class(0.1)
+    ('6.1 cm class', '10.0 cm class')
+    """
+    return f"{math.ceil(round(1000.0 * rmse_m, 6)) / 10.0:.1f} cm class"
 
 
 def uncovered_sentence(covered_share: float) -> str:

@@ -59,7 +59,7 @@ def test_run_prints_times_rmse_class_and_report(runs):
     lines = dict(line.split(maxsplit=1) for line in out.strip().splitlines())
     assert set(lines) == {"stages", "RMSE", "class", "map", "report"}
     assert Path(lines["report"]).is_file()
-    assert "Class" in lines["class"]
+    assert "cm class, vertical, by ASPRS Edition 2" in lines["class"]
 
 
 def test_a_smooth_site_with_a_perfect_sensor_meets_the_class(runs):
