@@ -396,7 +396,7 @@ def surveys_of(request: ChangeRequest) -> Surveys:
     files = [request.later, request.earlier]
     step_m = averaged_step_m(files) if all(map(_is_raster, files)) else None
     if step_m is None:
-        return Surveys(*(_survey(file, request) for file in files))
+        return Surveys(_survey(request.later, request), _survey(request.earlier, request))
     note = f"the surveys were averaged over squares of about {step_m:.3g} m before the comparison."
     new, old = (
         with_datum(average_survey(file, step_m, request.crs, request.units), request.datum, file)

@@ -24,10 +24,20 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, PictureOptions, Product, RunOptions, Select
+from firnline.actions.requests import (
+    Above,
+    Below,
+    Lengths,
+    PictureOptions,
+    Product,
+    RatesFile,
+    RunOptions,
+    Select,
+)
 from survey.core import InputError
 
 if TYPE_CHECKING:
+    from planners.costs import FieldWork
     from planners.prediction.assumptions import MapAssumptions, Surface
     from planners.prediction.error_model import ErrorModel
     from planners.routes.traversability import LeftOut
@@ -170,6 +180,7 @@ class PlanRequest(RunOptions, PictureOptions):
         ),
     ] = 0.0
     km_a_day: Annotated[float, Option("--km-a-day", help="Distance driven in a day of a season [km].")] = 10.0
+    rates: RatesFile = None
     out: Annotated[
         Path,
         Option(
@@ -251,6 +262,14 @@ class PlanRequest(RunOptions, PictureOptions):
             micro_relief_m=self.micro_relief_m,
             assumed=self.assume,
         )
+
+    def field_work(self, route: "survey.Route") -> "FieldWork | None":
+        """Return days, person-days and cost of a route; None without rates."""
+        if self.rates is None:
+            return None
+        from planners.costs import Rates
+
+        return Rates.read(self.rates).field_work(route.prediction["time_s"], route.n_rovers)
 
     def check_outputs(self) -> None:
         """Refuse outputs that exist, are inputs, cannot be written or have an unknown format.
@@ -499,6 +518,7 @@ def _content(
         std,
         tuple((piece.polygon, piece.reason) for piece in drawing.left_out),
         (*_rover_assumptions(rover, drawing.terrain, request.prior), *drawing.assumptions),
+        "" if (work := request.field_work(route)) is None else str(work),
     )
 
 

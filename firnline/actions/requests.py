@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 RUNS = Path("results/runs")
 
 Runs = Annotated[Path, Option("--runs", help="Folder that holds all runs.")]
+RatesFile = Annotated[
+    Path | None,
+    Option(
+        "--rates", help="Rates of people and rovers (TOML); person-days and cost are stated beside the time."
+    ),
+]
 Settings = Annotated[
     list[str], Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6.")
 ]
@@ -368,6 +374,7 @@ class ReportRequest(RunOptions):
         Literal["agu", "copernicus", "ieee"] | None,
         Option("--paper", help="Draw the figures at the column widths of a publisher, for a paper."),
     ] = None
+    rates: RatesFile = None
 
 
 @dataclass(frozen=True, kw_only=True)

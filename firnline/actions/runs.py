@@ -20,6 +20,7 @@ from firnline.actions.interface import (
 )
 from firnline.actions.requests import InitRequest, ReportRequest, RunOptions, RunRequest, SimulateRequest
 from firnline.actions.scoring import best_class, class_met
+from planners.costs import Rates
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
 from sim.world.site import SharedWorld
@@ -257,7 +258,8 @@ def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | 
     InputError
         A run without a score.
     """
-    is_usual = request.pictures in (None, "png") and request.paper is None
+    is_usual = request.pictures in (None, "png") and request.paper is None and request.rates is None
+    rates = None if request.rates is None else Rates.read(request.rates)
     if request.source.suffix == ".toml":
         stage = "report" if is_usual else "score"
         made = run_until(request.source, stage, request, watch=watch, verbose=verbose)
@@ -271,7 +273,7 @@ def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | 
 
     kind = request.pictures or ("png" if request.paper is None else "pdf")
     with found.stage("report") as folder:
-        write_mission_report(folder, found, PictureForm(kind, request.paper))
+        write_mission_report(folder, found, PictureForm(kind, request.paper), rates)
     return RunResult(found)
 
 

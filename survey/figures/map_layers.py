@@ -5,7 +5,7 @@ more cells than a page has pixels.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -90,8 +90,8 @@ _COVERED_SHARE = 0.15
 
 def _line_width_pt(axes: Axes, route: Route) -> float:
     """Return the width at which the swaths cover 15 % of the area that they span; what lies below stays visible."""
-    inches = axes.get_position().width * axes.figure.get_figwidth()
-    points_per_m = 72.0 * inches / float(np.ptp(axes.get_xlim()))
+    width_in = axes.bbox.width / axes.figure.dpi
+    points_per_m = 72.0 * width_in / float(np.ptp(axes.get_xlim()))
     hull = MultiPoint(np.vstack([leg.xy for leg in route.swaths])).convex_hull
     length_m = sum(float(np.hypot(*np.diff(leg.xy, axis=0).T).sum()) for leg in route.swaths)
     # A single line spans no area; it is as wide as the widest.
@@ -325,7 +325,7 @@ def draw_contours(axes: Axes, dem: Dem, *, within: SurveyArea | None = None) -> 
     )
     decimals = max(0, -math.floor(math.log10(interval)))
     strong = (steps[steps % 5 == 0] if (steps % 5 == 0).any() else steps[[len(steps) // 2]]) * interval
-    places = {} if within is None else _label_places(lines, within, strong)
+    places = {} if within is None else _label_places(lines, within, strong.tolist())
     strong = list(places) or strong
     labels = axes.clabel(
         lines,
@@ -343,7 +343,7 @@ _MOST_LABELS = 6
 
 
 def _label_places(
-    lines: ContourSet, area: SurveyArea, strong: FloatArray
+    lines: ContourSet, area: SurveyArea, strong: Collection[float]
 ) -> dict[float, tuple[float, float]]:
     """Return places in the area for labels of the strong levels, or else of a few: the middle of a contour's longest run."""
     found: dict[float, tuple[float, float]] = {}

@@ -193,7 +193,8 @@ class PlanContent:
     CRS of the area. `efforts`: one for each rover. `swaths_text`: number of swaths, such as ``"6 lines in 10
     pieces"``. `time_s`: time until the last rover is done [s]. `terrain`: prior terrain. `std`: predicted
     standard deviation of the map [m]. `left_out`: pieces of the area where rovers cannot be, with the reason.
-    `assumptions`: what the numbers rest on, one sentence each.
+    `assumptions`: what the numbers rest on, one sentence each. `field_work`: days, person-days and cost; empty
+    without rates.
     """
 
     title: str
@@ -207,6 +208,7 @@ class PlanContent:
     std: Dem | None = None
     left_out: tuple[tuple[Polygon, str], ...] = ()
     assumptions: tuple[str, ...] = field(default_factory=tuple)
+    field_work: str = ""
 
 
 _ROVERS = (
@@ -269,6 +271,7 @@ def _overview(content: PlanContent) -> list[Page]:
             ("Scale of the map", f"1 : {scale:,}".replace(",", "\u2009")),
             ("CRS", f"{area.crs.name} ({_code(content)})"),
             ("Heights", _heights(content)),
+            *([("Field work", content.field_work)] if content.field_work else []),
         ]
     )
     page.heading("Rovers")

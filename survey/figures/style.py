@@ -92,7 +92,8 @@ def _settings() -> dict[str, Any]:
     """
     for file in unlisted_fonts():
         fontManager.addfont(file)
-    return dict(matplotlib.rc_params_from_file(_STYLE, use_default_template=False))
+    read: Any = matplotlib.rc_params_from_file(_STYLE, use_default_template=False)
+    return dict(read)
 
 
 def unlisted_fonts() -> list[Path]:

@@ -35,6 +35,7 @@ from survey.reporting.survey_results import (
 )
 from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
 from survey.scoring.standards.map_classes import Verdict, edition_2_class, judge, own_claim
+from survey.scoring.standards.standards import LEAST_COVERED
 
 
 def write_report(
@@ -46,11 +47,13 @@ def write_report(
     config_text: str = "",
     provenance: Mapping[str, str] | None = None,
     form: PictureForm = PNG,
+    field_work: str = "",
 ) -> Path:
     """Write ``index.html`` and its figures, in ``figures``, into a folder.
 
     The page loads nothing: figures are inside it as WebP, and there are no scripts. Links download tables from the
     page itself, and figures from the folder beside it. Equal input gives equal bytes; the page states no date.
+    `field_work`: days, person-days and cost, where rates are known.
 
     Returns: of ``index.html``.
     """
@@ -69,12 +72,12 @@ def write_report(
         losses=named_values({} if survey.fleet is None else survey.fleet.losses),
         config_text=config_text,
         provenance=dict(provenance or {}),
-        **_template_values(survey),
+        **_template_values(survey, field_work),
     )
     return _write(place, page, pictures)
 
 
-def _template_values(survey: SurveyResults) -> dict[str, object]:
+def _template_values(survey: SurveyResults, field_work: str) -> dict[str, object]:
     """Return the content about map and score, by the names of the template."""
     score, route, reconstruction = survey.score, survey.route, survey.reconstruction
     datum = reconstruction.mean.vertical_datum or "an unstated datum"
@@ -85,7 +88,10 @@ def _template_values(survey: SurveyResults) -> dict[str, object]:
         "conditions": conditions(score),
         "classes": classes_by_standard(score),
         "classes_as_rows": _class_rows(score),
-        "key_numbers": key_numbers(score, route),
+        "key_numbers": [
+            *key_numbers(score, route),
+            *([TableRow("Field work", field_work, "by the rates that were named")] if field_work else []),
+        ],
         "calibration_sentence": calibration_sentence(score.calibration),
         "own_claim": [sentence[0].upper() + sentence[1:] for sentence in own_claim(reconstruction)],
         "scores": score_rows(score),
@@ -400,7 +406,7 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
 def conditions(score: Score) -> list[str]:
     """Return what the verdict assumes: the standard's condition, and the share of the area that it covers."""
     by_edition_2 = f"By ASPRS Edition 2 (2024) its RMSE is within the {edition_2_class(score.elevation.rmse_m)}, vertical."
-    notes = [] if score.verdicts[0].is_withheld else [by_edition_2]
+    notes = [by_edition_2] if score.covered_share >= LEAST_COVERED else []
     notes += [score.verdicts[0].note] if score.verdicts[0].note else []
     if score.n_silent:
         notes.append(

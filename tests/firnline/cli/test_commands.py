@@ -99,6 +99,17 @@ def test_a_run_has_a_qgis_project_of_its_own_files(runs):
 
 
 @pytest.mark.long
+def test_a_report_for_a_paper_has_figures_as_pdf_and_states_the_field_work(runs):
+    run, rates = runs / "runs" / "small", runs / "rates.toml"
+    rates.write_text('currency = "EUR"\nperson_day = 500.0\n')
+    said = firnline("report", str(run), "--paper", "copernicus", "--rates", str(rates), "--json")
+    page = Path(json.loads(said)["report"])
+    assert {file.suffix for file in (page.parent / "figures").iterdir()} == {".pdf"}
+    assert "1 day, 2 person-days, 1000 EUR" in page.read_text(encoding="utf-8")
+    firnline("report", str(run))
+
+
+@pytest.mark.long
 def test_stages_can_be_repeated_and_shown(runs):
     mission = ("run", str(runs / "m.toml"), "--runs", str(runs / "runs"), "-q")
     firnline(*mission, "--from", "score", "--until", "score")

@@ -273,6 +273,16 @@ def test_the_picture_is_drawn_in_the_chosen_format(kind):
     assert not Path("route.png").exists()
 
 
+def test_rates_give_person_days_and_cost():
+    Path("rates.toml").write_text('currency = "EUR"\nperson_day = 500.0\npeople = 3\nfixed = 100.0\n')
+    out, _ = planned("site.gpkg", "--swaths", "3", "--rates", "rates.toml", "--no-pictures")
+    assert "field work         1 day, 3 person-days, 1600 EUR" in out
+    planned("site.gpkg", "--swaths", "3", "--rates", "rates.toml", "-o", "sheets.pdf")
+    Path("rates.toml").write_text('currency = "EUR"\nday = 500.0\n')
+    _, err = planned("site.gpkg", "--swaths", "3", "--rates", "rates.toml", "-o", "b.geojson", code=4)
+    assert "rates.toml" in err
+
+
 def test_formats_that_hold_no_route_are_refused_before_planning():
     _, err = planned("site.gpkg", "--swaths", "3", "-o", "route.png", code=3)
     assert "one of .geojson, .gpkg, .pdf, .qgz was expected" in err

@@ -108,6 +108,12 @@ def _on_polar_ice() -> PlanContent:
 
 
 @pytest.mark.parametrize("made", [content(), _on_polar_ice()], ids=["short", "long"])
+def test_the_overview_states_the_field_work():
+    stated = "2 days, 6 person-days, 3900 EUR"
+    assert stated in words(plan_sheets(replace(content(), field_work=stated))[0])
+    assert "Field work" not in words(plan_sheets(content())[0])
+
+
 def test_texts_end_at_the_right_margin(made):
     for figure in plan_sheets(made):
         renderer = FigureCanvasAgg(figure).get_renderer()
