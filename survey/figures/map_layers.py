@@ -348,7 +348,8 @@ def _label_places(
     """Return places in the area for labels of the strong levels, or else of a few: the middle of a contour's longest run."""
     found: dict[float, tuple[float, float]] = {}
     for level, path in zip(lines.levels, lines.get_paths(), strict=True):
-        contour = [LineString(part) for part in path.to_polygons(closed_only=False) if len(part) > 1]
+        parts = [np.asarray(part, float) for part in path.to_polygons(closed_only=False)]
+        contour = [LineString(part) for part in parts if len(part) > 1]
         inside = get_parts(intersection(MultiLineString(contour), area.polygon))
         longest = max(inside, key=lambda piece: piece.length, default=None)
         if longest is not None and longest.length > 0.0:
