@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from survey.core import ConfigError, FloatArray, replacing
-from survey.core.files import picture_files
+from survey.core import ConfigError, FloatArray, picture_files, replacing
 from survey.data.ice_motion import ICE_MOTION, write_motion
 from survey.data.sensors.records import GpsFixes
 from survey.figures.paths import error_over_distance, path_map

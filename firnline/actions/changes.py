@@ -17,8 +17,7 @@ from firnline.actions.interface import (
 from firnline.actions.requests import Details, Lengths, PictureOptions, Select, stated_details
 from firnline.actions.score_request import map_of, today, with_datum
 from firnline.actions.tracking import flow_between
-from survey.core import ConfigError, printable
-from survey.core.files import picture_files
+from survey.core import ConfigError, picture_files, printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

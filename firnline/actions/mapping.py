@@ -20,8 +20,7 @@ from firnline.actions.interface import (
 from firnline.actions.map_inputs import blunder_text, read_points
 from firnline.actions.mapping_request import MapRequest, map_request
 from firnline.actions.requests import ReconstructRequest
-from survey.core import read_json, replacing_folder
-from survey.core.files import picture_files
+from survey.core import picture_files, read_json, replacing_folder
 from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
 from survey.reconstruction.mapping import cut_to_area, map_landmarks, map_scans
 from survey.reconstruction.motion.refinement import on_ice

@@ -37,7 +37,6 @@ from firnline.actions.requests import (
 from survey.core import InputError
 
 if TYPE_CHECKING:
-    from planners.costs import FieldWork
     from planners.prediction.assumptions import MapAssumptions, Surface
     from planners.prediction.error_model import ErrorModel
     from planners.routes.traversability import LeftOut
@@ -263,13 +262,11 @@ class PlanRequest(RunOptions, PictureOptions):
             assumed=self.assume,
         )
 
-    def field_work(self, route: "survey.Route") -> "FieldWork | None":
+    def field_work(self, route: "survey.Route") -> planners.FieldWork | None:
         """Return days, person-days and cost of a route; None without rates."""
         if self.rates is None:
             return None
-        from planners.costs import Rates
-
-        return Rates.read(self.rates).field_work(route.prediction["time_s"], route.n_rovers)
+        return planners.Rates.read(self.rates).field_work(route.prediction["time_s"], route.n_rovers)
 
     def check_outputs(self) -> None:
         """Refuse outputs that exist, are inputs, cannot be written or have an unknown format.

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from firnline.actions.interface import Argument, Option
-from survey.core import ConfigError
-from survey.core.files import PictureKind
+from survey.core import ConfigError, PictureKind
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from survey.reporting.rendering import PictureForm
 
 RUNS = Path("results/runs")
 
@@ -375,6 +376,28 @@ class ReportRequest(RunOptions):
         Option("--paper", help="Draw the figures at the column widths of a publisher, for a paper."),
     ] = None
     rates: RatesFile = None
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether the report is the one that a run draws."""
+        return self.pictures in (None, "png") and self.paper is None and self.rates is None
+
+    @property
+    def form(self) -> "PictureForm":
+        """Format and width of the figures."""
+        from survey.reporting.rendering import PictureForm
+
+        return PictureForm(self.pictures or ("png" if self.paper is None else "pdf"), self.paper)
+
+    def field_work(self, plan: Path) -> str:
+        """Return days, person-days and cost of a planned route, from its folder; empty without rates."""
+        if self.rates is None:
+            return ""
+        from planners import Rates
+        from survey import Route
+
+        route = Route.read(plan / "route.geojson")
+        return str(Rates.read(self.rates).field_work(route.prediction["time_s"], route.n_rovers))
 
 
 @dataclass(frozen=True, kw_only=True)

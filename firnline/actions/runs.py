@@ -20,7 +20,6 @@ from firnline.actions.interface import (
 )
 from firnline.actions.requests import InitRequest, ReportRequest, RunOptions, RunRequest, SimulateRequest
 from firnline.actions.scoring import best_class, class_met
-from planners.costs import Rates
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
 from sim.world.site import SharedWorld
@@ -258,22 +257,18 @@ def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | 
     InputError
         A run without a score.
     """
-    is_usual = request.pictures in (None, "png") and request.paper is None and request.rates is None
-    rates = None if request.rates is None else Rates.read(request.rates)
-    if request.source.suffix == ".toml":
-        stage = "report" if is_usual else "score"
-        made = run_until(request.source, stage, request, watch=watch, verbose=verbose)
-        if is_usual:
-            return replace(made, wanted=None)
-        found = made.run
-    else:
+    if request.source.suffix != ".toml":
         found = _scored_run(request.source)
+    elif request.is_usual:
+        return replace(
+            run_until(request.source, "report", request, watch=watch, verbose=verbose), wanted=None
+        )
+    else:
+        found = run_until(request.source, "score", request, watch=watch, verbose=verbose).run
     from sim.mission.report import write_mission_report
-    from survey.figures.layout import PictureForm
 
-    kind = request.pictures or ("png" if request.paper is None else "pdf")
     with found.stage("report") as folder:
-        write_mission_report(folder, found, PictureForm(kind, request.paper), rates)
+        write_mission_report(folder, found, request.form, request.field_work(found.folder("plan")))
     return RunResult(found)
 
 

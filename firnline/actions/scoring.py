@@ -143,13 +143,9 @@ class ScoreResult(Result):
 
 def best_class(score: dict[str, Any]) -> str:
     """Return a sentence about the class of ASPRS Edition 2 that a map meets, from the plain values of a score."""
-    from survey.scoring.standards.map_classes import edition_2_class, uncovered_sentence
-    from survey.scoring.standards.standards import LEAST_COVERED
+    from survey.scoring.standards.map_classes import edition_2_sentence
 
-    rmse_m: float = score["elevation"]["rmse_m"]
-    if score["covered_share"] < LEAST_COVERED:
-        return f"{uncovered_sentence(score['covered_share'])} RMSE on the covered part {rmse_m:.3f} m"
-    return f"{edition_2_class(rmse_m)}, vertical, by ASPRS Edition 2 (2024): RMSE {rmse_m:.3f} m on the reference"
+    return edition_2_sentence(score["elevation"]["rmse_m"], score["covered_share"])
 
 
 def class_met(content: dict[str, Any], wanted: str) -> bool:

@@ -11,8 +11,8 @@ from firnline.actions.requests import MonteCarloRequest, RehearseRequest
 from sim.mission.rehearsal import FaultEvent, fault_tree, summarize_outcomes
 from sim.mission.runs import read_mission
 from sim.montecarlo.config import read_study
+from survey.core import PictureKind
 from survey.core.documents import read_record
-from survey.core.files import PictureKind
 from survey.core.run_folder import RunFolder
 
 

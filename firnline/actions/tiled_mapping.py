@@ -22,9 +22,16 @@ from firnline.actions.interface import (
     read_about,
 )
 from firnline.actions.requests import PictureOptions, ReconstructRequest
-from survey.core import InputError, Section, existing_file, same_vertical_datum, validated, with_overrides
+from survey.core import (
+    InputError,
+    Section,
+    existing_file,
+    picture_files,
+    same_vertical_datum,
+    validated,
+    with_overrides,
+)
 from survey.core.executors import open_workers
-from survey.core.files import picture_files
 from survey.reconstruction.tiled.global_parameters import coarse_nodes
 from survey.reconstruction.tiled.job import Control, TiledConfig, TiledJob, disk_bytes, fingerprint, tiled_job
 from survey.reconstruction.tiled.survey_map import map_in_tiles as make_map

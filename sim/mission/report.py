@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 import survey
-from planners.costs import Rates
 from sim.mission.derived_maps import HAZARDS, PAYLOAD
 from sim.mission.fleet import LOSS_FILE, drive_folders, n_ties
 from sim.mission.localization import LANDMARKS, SCAN_POINTS, mapped_points
@@ -20,12 +19,11 @@ from survey import Recording, Truth
 from survey.core import FloatArray, read_json
 from survey.core.run_folder import RunFolder
 from survey.data.sensors.payload import Quantity
-from survey.figures.layout import PictureForm
 from survey.io.tables import read_table
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reporting.page import write_report
 from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
-from survey.reporting.rendering import PNG
+from survey.reporting.rendering import PNG, PictureForm
 from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
@@ -37,9 +35,7 @@ from survey.reporting.survey_results import (
 from vision_slam.plotting import tracks_on_frames
 
 
-def write_mission_report(
-    folder: Path, run: RunFolder, form: PictureForm = PNG, rates: Rates | None = None
-) -> Path:
+def write_mission_report(folder: Path, run: RunFolder, form: PictureForm = PNG, field_work: str = "") -> Path:
     """Write ``index.html`` and its figures into `folder`; return the page."""
     plan, simulated, localized = run.folder("plan"), run.folder("simulate"), run.folder("localize")
     places = drive_folders(simulated)
@@ -76,16 +72,10 @@ def write_mission_report(
         config_text=run.config_text(),
         provenance=_provenance(run),
         form=form,
-        field_work="" if rates is None else _field_work(run, rates),
+        field_work=field_work,
     )
     write_run_project(folder / "run.qgz", run, reconstruction)
     return page
-
-
-def _field_work(run: RunFolder, rates: Rates) -> str:
-    """Return days, person-days and cost of the planned route."""
-    route = survey.Route.read(run.folder("plan") / "route.geojson")
-    return str(rates.field_work(route.prediction["time_s"], route.n_rovers))
 
 
 def _hazard(run: RunFolder) -> HazardResults | None:

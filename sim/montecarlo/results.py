@@ -25,11 +25,10 @@ from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from sim.montecarlo.config import StudyConfig, Trial, TrialBlock, as_columns
 from survey.core import FloatArray, InputError, existing_file, first_line, replacing, stream
 from survey.core.text import csv_cell
-from survey.figures.layout import PictureForm
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
 from survey.io.arrays_file import checksum
 from survey.reporting.quantities import number, percent
-from survey.reporting.rendering import PNG, Picture, picture_of, render
+from survey.reporting.rendering import PNG, Picture, PictureForm, picture_of, render
 from survey.scoring.standards.map_classes import map_classes
 
 _CRC = b"firnline_crc32"

@@ -29,12 +29,12 @@ from sim.montecarlo.results import (
 )
 from sim.montecarlo.trials import survey_block
 from survey import CapacityError, ConfigError, InputError
+from survey.core import PictureKind
 from survey.core.documents import RECORD, is_intact, read_json, with_checksum, write_json, write_record
 from survey.core.executors import Engine, run_all
-from survey.core.files import PictureKind
 from survey.core.replacement import refuse_unwritable, replacing_files
-from survey.figures.layout import PictureForm
 from survey.reconstruction.capacity import smallest_step_m
+from survey.reporting.rendering import PictureForm
 
 _BEGUN, _BEGUN_SHA256 = "study.json", "study_sha256"
 TrialProgress = Callable[[int, int], None]

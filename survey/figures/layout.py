@@ -3,7 +3,7 @@
 `map_figure` makes a figure with one or more maps of equal scale; layers are drawn into them by
 `survey.figures.map_layers`. The scale bar counts on the ground where the scale factor of the CRS differs from 1
 by more than 1 %. `arranged` lays a figure out at another width with letters of the same size, and restores it:
-`narrow_image` for phones, `PictureForm` for the columns of a journal.
+`narrow_image` for phones, at `column_width_in` for the columns of a journal.
 """
 
 import math
@@ -27,11 +27,10 @@ from pyproj import CRS
 
 from survey.core import Bounds, round_number
 from survey.core.crs import crs_text
-from survey.core.files import PictureKind
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.figures.style import INK, MUTED, VEIL, page_image, picture_bytes, styled
+from survey.figures.style import INK, MUTED, VEIL, page_image, styled
 
 _TALLEST_MAP_IN = 6.2
 MAP, COLOUR_BAR = "map", "colour bar"
@@ -274,24 +273,9 @@ def narrow_image(figure: Figure) -> Image:
         return page_image(figure)
 
 
-_PRINT_DPI = 300
-
-
-class PictureForm(NamedTuple):
-    """Format of a picture, and the publisher whose columns it fits; without one it has the width of the screen."""
-
-    kind: PictureKind = "png"
-    paper: Paper | None = None
-
-    def render(self, figure: Figure) -> bytes:
-        """Draw a figure as the content of a file; the figure itself stays as it is."""
-        return self._at_column_width(figure) if self.paper else picture_bytes(figure, self.kind)
-
-    @styled
-    def _at_column_width(self, figure: Figure) -> bytes:
-        one, two = PAPERS_MM[str(self.paper)]
-        with arranged(figure, (two if is_wide(figure) else one) / _MM_PER_IN):
-            return picture_bytes(figure, self.kind, _PRINT_DPI)
+def column_width_in(figure: Figure, paper: Paper) -> float:
+    """Return the width of one or two columns of a publisher [in], by the width of a figure."""
+    return PAPERS_MM[paper][is_wide(figure)] / _MM_PER_IN
 
 
 def is_wide(figure: Figure) -> bool:

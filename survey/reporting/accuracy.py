@@ -32,8 +32,7 @@ from survey.scoring.class_scores import ClassScore
 from survey.scoring.standards.assessment import Assessment, CheckpointScore
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors
 from survey.scoring.standards.checkpoints import LEAST_SHARE, LEAST_SPACING
-from survey.scoring.standards.map_classes import edition_2_class, uncovered_sentence
-from survey.scoring.standards.standards import LEAST_COVERED
+from survey.scoring.standards.map_classes import edition_2_sentence
 
 NSSDA = "FGDC (1998): Geospatial Positioning Accuracy Standards, Part 3: National Standard for Spatial Data Accuracy. FGDC-STD-007.3-1998."
 ASPRS_2014 = "ASPRS (2014): Positional Accuracy Standards for Digital Geospatial Data, Edition 1, Version 1.0. Photogrammetric Engineering & Remote Sensing 81(3), A1–A26."
@@ -314,6 +313,7 @@ def reference_report(
         *distribution_figures(known, score.elevation),
     )
     grouped = tuple(class_table(name, rows) for name, rows in (classes or {}).items())
+    found = edition_2_sentence(score.elevation.rmse_m, score.covered_share)
     sections = [
         Chapter("What was compared", tables=(_reference_inputs(setting, surveyed.mean, score),)),
         Chapter(
@@ -321,7 +321,7 @@ def reference_report(
         ),
         Chapter("Figures", figures=figures),
         *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
-        Chapter("Class of the RMSE", paragraphs=(_class_sentence(score), _NO_STATEMENT)),
+        Chapter("Class of the RMSE", paragraphs=(f"{found}.", _NO_STATEMENT)),
         methods_section([ASPRS_EDITION_2, HOEHLE]),
     ]  # fmt: skip
     return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)
@@ -331,15 +331,6 @@ _NO_STATEMENT = (
     "A raster is no set of independent checkpoints, so no statement of a standard is made; neighbouring nodes err alike. "
     "Name checkpoints with --checkpoints for a statement."
 )
-
-
-def _class_sentence(score: Score) -> str:
-    if score.covered_share < LEAST_COVERED:
-        return uncovered_sentence(score.covered_share)
-    return (
-        f"The RMSE of the surface, {number(score.elevation.rmse_m, 'm')}, is within the "
-        f"{edition_2_class(score.elevation.rmse_m)} (vertical) of ASPRS Edition 2; the error of the reference itself is not in it."
-    )
 
 
 def _without_claim(dem: Dem) -> Reconstruction:

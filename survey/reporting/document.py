@@ -16,14 +16,13 @@ from typing import NamedTuple
 import matplotlib.image
 from matplotlib.figure import Figure
 
-from survey.core import ConfigError, FloatArray, replacing
-from survey.core.files import PictureKind
+from survey.core import ConfigError, FloatArray, PictureKind, replacing
 from survey.core.replacement import replacing_folder
 from survey.core.text import csv_cell
-from survey.figures.layout import PictureForm, is_wide
+from survey.figures.layout import is_wide
 from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page, pdf_bytes
 from survey.figures.style import MUTED, styled
-from survey.reporting.rendering import Picture, picture_of, render
+from survey.reporting.rendering import Picture, PictureForm, picture_of, render
 
 
 class Statement(NamedTuple):

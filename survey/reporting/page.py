@@ -20,12 +20,11 @@ from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.calibration import held_out_plot
-from survey.figures.layout import PictureForm
 from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plot
 from survey.figures.paths import deviation_from_route, error_over_distance
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.reporting.quantities import TableRow, named_values, number, percent, setting
-from survey.reporting.rendering import PNG, Picture, animation_of, picture_of, render
+from survey.reporting.rendering import PNG, Picture, PictureForm, animation_of, picture_of, render
 from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
@@ -34,8 +33,7 @@ from survey.reporting.survey_results import (
     SurveyResults,
 )
 from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
-from survey.scoring.standards.map_classes import Verdict, edition_2_class, judge, own_claim
-from survey.scoring.standards.standards import LEAST_COVERED
+from survey.scoring.standards.map_classes import Verdict, edition_2_sentence, judge, own_claim
 
 
 def write_report(
@@ -405,8 +403,7 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
 
 def conditions(score: Score) -> list[str]:
     """Return what the verdict assumes: the standard's condition, and the share of the area that it covers."""
-    by_edition_2 = f"By ASPRS Edition 2 (2024) its RMSE is within the {edition_2_class(score.elevation.rmse_m)}, vertical."
-    notes = [by_edition_2] if score.covered_share >= LEAST_COVERED else []
+    notes = [] if score.n_silent else [f"{edition_2_sentence(score.elevation.rmse_m, score.covered_share)}."]
     notes += [score.verdicts[0].note] if score.verdicts[0].note else []
     if score.n_silent:
         notes.append(

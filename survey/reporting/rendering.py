@@ -15,9 +15,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 from PIL import Image
 
+from survey.core import PictureKind
 from survey.core.text import csv_cell
-from survey.figures.layout import PictureForm, is_wide, narrow_image
-from survey.figures.style import page_image
+from survey.figures.layout import Paper, arranged, column_width_in, is_wide, narrow_image
+from survey.figures.style import page_image, picture_bytes, styled
 
 _SPACES = str.maketrans({"\u00a0": " ", "\u202f": "", "\u2009": "", "\u2212": "-"})
 
@@ -99,6 +100,26 @@ class Picture(NamedTuple):
     def is_wide(self) -> bool:
         """Whether it takes the width of a page."""
         return self.narrow is not None
+
+
+_PRINT_DPI = 300
+
+
+class PictureForm(NamedTuple):
+    """Format of a picture, and the publisher whose columns it fits; without one it has the width of the screen."""
+
+    kind: PictureKind = "png"
+    paper: Paper | None = None
+
+    def render(self, figure: Figure) -> bytes:
+        """Draw a figure as the content of a file; the figure itself stays as it is."""
+        return self._at_column_width(figure) if self.paper else picture_bytes(figure, self.kind)
+
+    @styled
+    def _at_column_width(self, figure: Figure) -> bytes:
+        assert self.paper is not None
+        with arranged(figure, column_width_in(figure, self.paper)):
+            return picture_bytes(figure, self.kind, _PRINT_DPI)
 
 
 PNG = PictureForm()

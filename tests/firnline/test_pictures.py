@@ -16,9 +16,10 @@ from survey import figures as drawn
 from survey.core.files import PictureKind
 from survey.data.dem import Dem
 from survey.figures import calibration, errors, maps, paths, plans
-from survey.figures.layout import PAPERS_MM, PictureForm, arranged, is_wide
+from survey.figures.layout import PAPERS_MM, arranged, is_wide
 from survey.figures.style import FULL_IN, picture_bytes
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
+from survey.reporting.rendering import PictureForm
 from survey.scoring import Change, Checkpoints, ErrorStatistics, compare
 from tests.printing import assert_fonts_embedded, assert_printable
 from tests.sim.mission.test_fault_tree import FOUND

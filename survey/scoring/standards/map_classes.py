@@ -170,6 +170,17 @@ def edition_2_class(rmse_m: float) -> str:
     return f"{math.ceil(round(1000.0 * rmse_m, 6)) / 10.0:.1f} cm class"
 
 
+def edition_2_sentence(rmse_m: float, covered_share: float) -> str:
+    """Return the class of ASPRS Edition 2 that an RMSE on a reference surface meets, or why none is stated.
+
+    >>> edition_2_sentence(0.0604, 1.0)
+    '6.1 cm class, vertical, by ASPRS Edition 2 (2024): RMSE 0.060 m on the reference'
+    """
+    if covered_share < LEAST_COVERED:
+        return f"{uncovered_sentence(covered_share)} RMSE on the covered part {rmse_m:.3f} m"
+    return f"{edition_2_class(rmse_m)}, vertical, by ASPRS Edition 2 (2024): RMSE {rmse_m:.3f} m on the reference"
+
+
 def uncovered_sentence(covered_share: float) -> str:
     """Return the sentence that says why no class is stated for a map with gaps.
 
