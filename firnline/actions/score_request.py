@@ -19,7 +19,7 @@ from firnline.actions.requests import (
     epoch_option,
     stated_details,
 )
-from survey.core import InputError, same_vertical_datum
+from survey.core import InputError
 
 if TYPE_CHECKING:
     from survey.core.arrays import FloatArray
@@ -233,6 +233,8 @@ def with_datum(
     """Return a map above the vertical datum that was named where it states none; refuse another one."""
     if datum is None:
         return read
+    from survey.core.crs import same_vertical_datum
+
     mean = read if isinstance(read, survey.Dem) else read.mean
     same_vertical_datum(mean.vertical_datum, datum, f"{source} and --datum")
     stated = survey.Dem(mean.elevation, mean.transform, mean.crs, mean.vertical_datum or datum)
