@@ -262,7 +262,7 @@ class PlanRequest(RunOptions, PictureOptions):
             assumed=self.assume,
         )
 
-    def field_work(self, route: "survey.Route") -> planners.FieldWork | None:
+    def field_work(self, route: "survey.Route") -> "planners.FieldWork | None":
         """Return days, person-days and cost of a route; None without rates."""
         if self.rates is None:
             return None
