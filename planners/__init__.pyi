@@ -1,5 +1,7 @@
 """Public names and the modules that define them."""
 
+from planners.costs import FieldWork as FieldWork
+from planners.costs import Rates as Rates
 from planners.patterns.best import BestConfig as BestConfig
 from planners.patterns.lawnmower import LawnmowerConfig as LawnmowerConfig
 from planners.patterns.piecewise_continuous import PiecewiseContinuousConfig as PiecewiseContinuousConfig

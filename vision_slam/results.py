@@ -1,10 +1,9 @@
 """Output files of a localization: path, landmarks, frame health, figures, and a file for the viewer rerun.
 
-`write_localization` and `write_pictures` write the files named in `OWN_FILES`. `write_rrd` needs the package rerun-sdk,
+`write_localization` writes files named in `OWN_FILES`, to which the pictures of `draw_localization` belong. `write_rrd` needs the package rerun-sdk,
 which is imported when it is called. Rerun has pinhole cameras only, so that a fisheye image is a little out of place.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,10 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from survey.core import ConfigError, FloatArray, replacing
+from survey.core import ConfigError, FloatArray, picture_files, replacing
 from survey.data.ice_motion import ICE_MOTION, write_motion
 from survey.data.sensors.records import GpsFixes
 from survey.figures.paths import error_over_distance, path_map
-from survey.figures.style import png_bytes
 from survey.io.tables import write_table
 from survey.io.trajectory_files import write_track, write_tum
 from vision_slam.drive_estimate import DriveEstimate
@@ -32,7 +30,7 @@ OWN_FILES = (
         "track.gpkg",
     ),
     *("trajectory_fixed.csv", ICE_MOTION),
-    *("health.csv", "landmarks.csv", "landmarks.gpkg", "map.png", "tracks.png", "errors.png"),
+    *("health.csv", "landmarks.csv", "landmarks.gpkg", *picture_files("map", "tracks", "errors")),
 )  # fmt: skip
 """Names of all files that a localization consists of."""
 
@@ -87,13 +85,6 @@ def health_columns(visual: VisualOdometry) -> dict[str, FloatArray]:
     return {"time_s": visual.odometry.time_s} | columns | {"is_lost": visual.is_lost.astype(float)}
 
 
-def write_pictures(folder: Path, pictures: Mapping[str, Figure]) -> None:
-    """Write figures as PNG."""
-    for name, figure in pictures.items():
-        with replacing(folder / f"{name}.png") as draft:
-            draft.write_bytes(png_bytes(figure))
-
-
 def draw_localization(
     estimate: DriveEstimate,
     drive: VisionRecords,
@@ -110,6 +101,7 @@ def draw_localization(
             fixes=None if gps is None else gps.position,
             reference=None if comparison is None else comparison.reference,
             is_lost=estimate.is_lost,
+            crs=None if estimate.trajectory is None else estimate.trajectory.crs,
             in_the_world=estimate.trajectory is not None,
         )
     }

@@ -15,7 +15,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
-from firnline.actions.requests import NoPictures
+from firnline.actions.requests import PictureOptions
 from survey.core import ConfigError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateRequest:
+class CalibrateRequest(PictureOptions):
     """Images of a board from which a camera is calibrated."""
 
     images: Annotated[Path, Argument(help="Folder of images of the board, all of one size.")]
@@ -47,13 +47,12 @@ class CalibrateRequest:
     out: Annotated[
         Path, Option("--out", "-o", help="Calibration to write; a picture of the residuals stands beside it.")
     ] = Path("camera.toml")
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace an existing calibration.")] = False
 
     @property
     def files(self) -> list[Path]:
         """Calibration, and the picture of the residuals if one is drawn."""
-        return [self.out] if self.no_pictures else [self.out, self.out.with_suffix(".png")]
+        return [self.out] if self.no_pictures else [self.out, self.out.with_suffix(f".{self.pictures}")]
 
     def named_board(self) -> "Board":
         """Return the board that the options name.
@@ -98,14 +97,10 @@ class CalibrationResult(WrittenResult):
     def _write_files(self) -> None:
         """Write the calibration, and a picture of the residuals beside it."""
         self.calibration.write(self.request.out)
-        if self.request.no_pictures:
-            return
-        from survey.core import replacing
-        from survey.figures import png_bytes
         from vision_slam.calibration import calibration_figure
 
-        with replacing(self.request.files[1]) as draft:
-            draft.write_bytes(png_bytes(calibration_figure(self.calibration)))
+        out = self.request.out
+        self.request.write_pictures(out.parent, lambda: {out.stem: calibration_figure(self.calibration)})
 
     def facts(self) -> dict[str, Any]:
         """Return parameters, residuals and coverage."""

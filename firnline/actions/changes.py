@@ -14,18 +14,20 @@ from firnline.actions.interface import (
     refuse_existing,
     with_companions,
 )
-from firnline.actions.requests import Details, Lengths, NoPictures, Select, stated_details
-from firnline.actions.score_request import map_of, today
+from firnline.actions.requests import Details, Lengths, PictureOptions, Select, stated_details
+from firnline.actions.score_request import map_of, today, with_datum
 from firnline.actions.tracking import flow_between
-from survey.core import ConfigError, printable
+from survey.core import ConfigError, picture_files, printable
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from survey.scoring.differencing.volume_change import Change
 
 
 OUTPUTS = (
     "along_flow.tif", "along_flow.tif.aux.xml", "change.tif", "change.tif.aux.xml", "change.csv",
-    "change.gpkg", "change.json", "change.png", "change_bands.csv",
+    "change.gpkg", "change.json", *picture_files("change"), "change_bands.csv",
 )  # fmt: skip
 """Files that the command writes into its folder."""
 # From fresh snow to rock debris.
@@ -33,7 +35,7 @@ _DENSITIES_KG_M3 = (50.0, 3000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeRequest:
+class ChangeRequest(PictureOptions):
     """Two surveys to compare."""
 
     later: Annotated[
@@ -91,18 +93,18 @@ class ChangeRequest:
     crs: Annotated[
         str | None, Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS).")
     ] = None
+    datum: Annotated[str | None, Option("--datum", help="Vertical datum of surveys that state none.")] = None
     units: Lengths = None
     step_m: Annotated[
         float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
     ] = 2.0
-    out: Annotated[Path, Option("--out", "-o", help="Folder for change.tif, .csv, .gpkg, .json, .png.")] = (
-        Path("change")
-    )
+    out: Annotated[
+        Path, Option("--out", "-o", help="Folder for change.tif, .csv, .gpkg, .json and the picture.")
+    ] = Path("change")
     report: Annotated[
         Path | None, Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
     details: Details = field(default_factory=list)
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a change that is there.")] = False
 
     @property
@@ -171,12 +173,14 @@ class ChangeResult(WrittenResult):
 
         with replacing_folder(self.request.out, own=OUTPUTS) as draft:
             write_change(draft, self.change, *self._density, outlines=self.outlines)
-            if not self.request.no_pictures:
-                from survey.figures import change_map, png_bytes
-
-                (draft / "change.png").write_bytes(png_bytes(change_map(self.change, self.outlines)))
+            self.request.write_pictures(draft, self._pictures)
         if self.request.report is not None:
             self._write_report(self.request.report)
+
+    def _pictures(self) -> dict[str, "Figure"]:
+        from survey.figures import change_map
+
+        return {"change": change_map(self.change, self.outlines)}
 
     @property
     def _density(self) -> tuple[float, float]:
@@ -203,7 +207,8 @@ class ChangeResult(WrittenResult):
         names = {role: path.name for role, path in inputs if path is not None}
         title = f"{names['Later survey']} minus {names['Earlier survey']}"
         setting = ReportSetting(title, today(), {**stated_details(self.request.details), **names})
-        write_document(report, change_report(setting, self.change, self.outlines, self.facts()))
+        document = change_report(setting, self.change, self.outlines, self.facts())
+        write_document(report, document, self.request.pictures)
 
 
 def preview_change(request: ChangeRequest) -> Preview:
@@ -215,7 +220,7 @@ def preview_change(request: ChangeRequest) -> Preview:
     surveys = {"later": request.later, "earlier": request.earlier}
     if all(source.suffix == ".npz" for source in surveys.values()):
         return Preview.of(writes)
-    *read, _ = surveys_of(request.later, request.earlier, request.crs, request.units)
+    *read, _ = surveys_of(request)
     dems = dict(zip(surveys, (one if isinstance(one, survey.Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
     if request.outline is not None:
@@ -258,7 +263,7 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request)
-    new, old, note = surveys_of(request.later, request.earlier, request.crs, request.units)
+    new, old, note = surveys_of(request)
     crs = (new if isinstance(new, survey.Dem) else new.mean).crs
     glaciers = Glaciers({}, {})
     if request.outline is not None:
@@ -383,15 +388,19 @@ class Surveys(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def surveys_of(later: Path, earlier: Path, crs: str | None, units: str | None = None) -> Surveys:
+def surveys_of(request: ChangeRequest) -> Surveys:
     """Read two surveys; rasters of more cells than a change in memory takes are averaged over squares."""
     from survey.scoring.differencing.change_files import average_survey, averaged_step_m
 
-    step_m = averaged_step_m([later, earlier]) if _is_raster(later) and _is_raster(earlier) else None
+    files = [request.later, request.earlier]
+    step_m = averaged_step_m(files) if all(map(_is_raster, files)) else None
     if step_m is None:
-        return Surveys(_survey(later, crs, units), _survey(earlier, crs, units))
+        return Surveys(_survey(request.later, request), _survey(request.earlier, request))
     note = f"the surveys were averaged over squares of about {step_m:.3g} m before the comparison."
-    new, old = (average_survey(file, step_m, crs, units) for file in (later, earlier))
+    new, old = (
+        with_datum(average_survey(file, step_m, request.crs, request.units), request.datum, file)
+        for file in files
+    )
     return Surveys(new, old, (note,))
 
 
@@ -399,10 +408,10 @@ def _is_raster(source: Path) -> bool:
     return source.is_file() and source.suffix != ".npz"
 
 
-def _survey(source: Path, crs: str | None, units: str | None) -> "survey.Reconstruction | survey.Dem":
+def _survey(source: Path, request: ChangeRequest) -> "survey.Reconstruction | survey.Dem":
     """Read a map that is no terrain model."""
     if source.suffix == ".npz":
         raise survey.InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
         )
-    return map_of(source, crs, units=units)
+    return map_of(source, request.crs, units=request.units, datum=request.datum)

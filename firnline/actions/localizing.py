@@ -19,7 +19,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
-from firnline.actions.requests import NoPictures, antenna_option, columns_option, epoch_option
+from firnline.actions.requests import PictureOptions, antenna_option, columns_option, epoch_option
 from survey.core import ConfigError, InputError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _ICE = "ice."
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocalizeRequest:
+class LocalizeRequest(PictureOptions):
     """Recording to localize; None stands for an option that was not given."""
 
     source: Annotated[
@@ -118,7 +118,6 @@ class LocalizeRequest:
     out: Annotated[Path, Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")] = (
         Path("localization")
     )
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace an existing localization.")] = False
 
     @property
@@ -230,13 +229,14 @@ class LocalizationResult(WrittenResult):
     def _write_files(self) -> None:
         """Write files and pictures, and the file of rerun's viewer where it is asked for."""
         from survey.core import replacing_folder
-        from vision_slam.results import OWN_FILES, draw_localization, write_localization, write_pictures
+        from vision_slam.results import OWN_FILES, draw_localization, write_localization
 
         drive, estimate = self.drive, self.estimate
         with replacing_folder(self.request.out, own=OWN_FILES) as folder:
             write_localization(folder, estimate)
-            if not self.request.no_pictures:
-                write_pictures(folder, draw_localization(estimate, drive.records, drive.gps, self.comparison))
+            self.request.write_pictures(
+                folder, lambda: draw_localization(estimate, drive.records, drive.gps, self.comparison)
+            )
         if self.request.viewer is not None:
             from vision_slam.results import write_rrd
 
@@ -274,7 +274,7 @@ class LocalizationResult(WrittenResult):
             step = "correct calibration or times as the notes name them, and localize again"
         else:
             step = "name fixes with --gps for a path in a CRS, or wheels.csv for metres"
-        pictures = sorted(map(str, out.glob("*.png")))
+        pictures = sorted(map(str, out.glob(f"*.{self.request.pictures}")))
         return [
             f"written to {out}",
             *figure_lines(self._figures),

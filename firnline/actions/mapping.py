@@ -4,7 +4,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import survey
 from firnline.actions.interface import (
@@ -20,15 +20,18 @@ from firnline.actions.interface import (
 from firnline.actions.map_inputs import blunder_text, read_points
 from firnline.actions.mapping_request import MapRequest, map_request
 from firnline.actions.requests import ReconstructRequest
-from survey.core import read_json, replacing_folder
+from survey.core import picture_files, read_json, replacing_folder
 from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
 from survey.reconstruction.mapping import cut_to_area, map_landmarks, map_scans
 from survey.reconstruction.motion.refinement import on_ice
 from survey.reconstruction.terrain_map import ELEVATION, METHOD_CHOICE
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
-    *("mean.png", "sigma.png", "width.png", "support.png"),
+    *picture_files("mean", "sigma", "width", "support"),
     ICE_MOTION,
     *("corrected_trajectory*.csv", "corrected_trajectory*.error.npz", "*.aux.xml"),
 )
@@ -79,8 +82,7 @@ class MapResult(WrittenResult):
             if self.motion is not None:
                 write_motion(self.motion, draft / ICE_MOTION)
             options = self.request.options
-            if not options.no_pictures:
-                _draw(self.reconstruction, draft, with_width=self.request.config.rays)
+            options.write_pictures(draft, lambda: _drawn(self.reconstruction, self.request.config.rays))
             if options.max_slope_deg is not None:
                 _mark(self.reconstruction, draft, options.max_slope_deg)
 
@@ -162,28 +164,28 @@ def _checked(request: ReconstructRequest) -> MapRequest:
     return checked
 
 
-def _draw(result: survey.Reconstruction, out: Path, *, with_width: bool) -> None:
-    """Write pictures of mean, standard deviation, support and width; large maps have none, and a log entry says so."""
-    from survey.figures import deviation_map, png_bytes, support_map, survey_map, width_map
+def _drawn(result: survey.Reconstruction, with_width: bool) -> "dict[str, Figure]":
+    """Draw mean, standard deviation, support and width, all of one size; large maps are not drawn, and a log entry says so."""
+    from survey.figures import deviation_map, support_map, survey_map, width_map
+    from survey.figures.style import FULL_IN
 
     if result.quantity != ELEVATION:
-        return
+        return {}
     if result.support.size > _MOST_DRAWN_NODES:
         logging.getLogger(__name__).warning(
             "the map has %s nodes; pictures are drawn of up to %s.",
             f"{result.support.size:,}",
             f"{_MOST_DRAWN_NODES:,}",
         )
-        return
+        return {}
     figures = {
         "mean": survey_map(result.mean),
-        "sigma": deviation_map(result),
-        "support": support_map(result),
+        "sigma": deviation_map(result, width_in=FULL_IN),
+        "support": support_map(result, width_in=FULL_IN),
     }
     if with_width and result.lower is not None and result.upper is not None:
-        figures["width"] = width_map(result)
-    for name, figure in figures.items():
-        (out / f"{name}.png").write_bytes(png_bytes(figure))
+        figures["width"] = width_map(result, width_in=FULL_IN)
+    return figures
 
 
 def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float) -> None:

@@ -24,7 +24,16 @@ from firnline.actions.interface import (
     read_about,
     refuse_existing,
 )
-from firnline.actions.requests import Above, Below, Lengths, NoPictures, Product, RunOptions, Select
+from firnline.actions.requests import (
+    Above,
+    Below,
+    Lengths,
+    PictureOptions,
+    Product,
+    RatesFile,
+    RunOptions,
+    Select,
+)
 from survey.core import InputError
 
 if TYPE_CHECKING:
@@ -39,10 +48,11 @@ logger = logging.getLogger(__name__)
 
 _ROUTES = (".geojson", ".gpkg")
 _FORMATS = (*_ROUTES, ".pdf", ".qgz")
+_PICTURES = ("picture", "errors")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanRequest(RunOptions):
+class PlanRequest(RunOptions, PictureOptions):
     """What is to be planned, and where the plan is written; None stands for an option that was not given."""
 
     source: Annotated[
@@ -169,6 +179,7 @@ class PlanRequest(RunOptions):
         ),
     ] = 0.0
     km_a_day: Annotated[float, Option("--km-a-day", help="Distance driven in a day of a season [km].")] = 10.0
+    rates: RatesFile = None
     out: Annotated[
         Path,
         Option(
@@ -177,7 +188,6 @@ class PlanRequest(RunOptions):
             help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
         ),
     ] = Path("route.geojson")
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace the route and its picture where they exist.")] = (
         False
     )
@@ -186,10 +196,10 @@ class PlanRequest(RunOptions):
     def files(self) -> dict[str, Path]:
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:
-            files = {"route": self.out, "picture": self.out.with_suffix(".png")}
+            files = {"route": self.out, "picture": self.out.with_suffix(f".{self.pictures}")}
             files = files if self.season is None else files | self._season_files
             return {
-                name: file for name, file in files.items() if not (self.no_pictures and file.suffix == ".png")
+                name: file for name, file in files.items() if not (self.no_pictures and name in _PICTURES)
             }
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
         if self.out.suffix.lower() == ".qgz":
@@ -205,14 +215,14 @@ class PlanRequest(RunOptions):
         """Files of a season's design beside the route."""
         return {
             name: self.out.with_name(f"{self.out.stem}_season{suffix}")
-            for name, suffix in (("table", ".csv"), ("errors", ".png"))
+            for name, suffix in (("table", ".csv"), ("errors", f".{self.pictures}"))
         }
 
     def remove_old_pictures(self) -> None:
         """Remove the pictures of a plan that was replaced, where none are drawn of the new one."""
         if self.no_pictures and self.force:
-            for file in replace(self, no_pictures=False).files.values():
-                if file.suffix == ".png":
+            for name, file in replace(self, no_pictures=False).files.items():
+                if name in _PICTURES:
                     file.unlink(missing_ok=True)
 
     @property
@@ -232,11 +242,11 @@ class PlanRequest(RunOptions):
 
     def given(self, *names: str) -> list[str]:
         """Return those of the named options that were given, as they are written on the command line."""
-        known = {field.name for field in fields(self)}
+        usual = {field.name: field.default for field in fields(self)}
         return [
             "--" + ("set" if name == "settings" else name.replace("_", "-"))
             for name in names
-            if name in known and getattr(self, name) not in (None, False, (), [])
+            if name in usual and getattr(self, name) not in (None, False, (), [], usual[name])
         ]
 
     @property
@@ -251,6 +261,12 @@ class PlanRequest(RunOptions):
             micro_relief_m=self.micro_relief_m,
             assumed=self.assume,
         )
+
+    def field_work(self, route: "survey.Route") -> "planners.FieldWork | None":
+        """Return days, person-days and cost of a route; None without rates."""
+        if self.rates is None:
+            return None
+        return planners.Rates.read(self.rates).field_work(route.prediction["time_s"], route.n_rovers)
 
     def check_outputs(self) -> None:
         """Refuse outputs that exist, are inputs, cannot be written or have an unknown format.
@@ -453,13 +469,13 @@ def _write_route(request: PlanRequest, route: "survey.Route", drawing: PlanDrawi
         with replacing_files(request.out) as (route_file,):
             route.write(route_file)
         return
-    from survey.figures import plan_map, png_bytes
+    from survey.figures import picture_bytes, plan_map
 
     pieces = [piece.polygon for piece in drawing.left_out]
     figure = plan_map(drawing.area, route, terrain=drawing.terrain, std=drawing.std(route), left_out=pieces)
     with replacing_files(request.out, request.files["picture"]) as (route_file, picture_file):
         route.write(route_file)
-        picture_file.write_bytes(png_bytes(figure))
+        picture_file.write_bytes(picture_bytes(figure, request.pictures))
 
 
 def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
@@ -499,6 +515,7 @@ def _content(
         std,
         tuple((piece.polygon, piece.reason) for piece in drawing.left_out),
         (*_rover_assumptions(rover, drawing.terrain, request.prior), *drawing.assumptions),
+        "" if (work := request.field_work(route)) is None else str(work),
     )
 
 

@@ -65,7 +65,9 @@ class AreaPlanResult(PlanResult):
     def facts(self) -> dict[str, Any]:
         """Return files, counts and predictions."""
         counts = {"lines": self.route.n_lines, "swaths": len(self.route.swaths)}
-        return self.request.written | counts | dict(self.route.prediction)
+        work = self.request.field_work(self.route)
+        cost = {} if work is None else {"field_work": work._asdict()}
+        return self.request.written | counts | dict(self.route.prediction) | cost
 
     def lines(self) -> list[str]:
         """Return what is expected of the route."""
@@ -75,6 +77,9 @@ class AreaPlanResult(PlanResult):
             f"{swaths_text(self.route)}, written to {self.request.written_text}",
             *(fact_line(title, text) for title, text in fact_texts(self.route.prediction).values()),
         ]
+        work = self.request.field_work(self.route)
+        if work is not None:
+            lines.append(fact_line("field work", work))
         if "rmse_m" in self.route.prediction:
             lines.append(fact_line("RMSE excludes", _NOT_INCLUDED))
         return lines
@@ -192,6 +197,8 @@ _OF_AN_AREA = (
     "assume",
     "force",
     "no_pictures",
+    "pictures",
+    "rates",
     "season",
     "dates",
     "select",
@@ -285,7 +292,7 @@ def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], Plan
         raise ConfigError(
             "--season and --dates belong together: the wanted error, and the days of both surveys."
         )
-    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings")
+    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings", "rates")
     if stated:
         raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
     if request.out.suffix.lower() not in (".geojson", ".gpkg"):
@@ -296,7 +303,9 @@ def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], Plan
 def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], PlanResult]:
     """Return the function for a required class; options that contradict it are refused."""
     stated = [
-        name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
+        name
+        for name in request.given(*_DECIDED, "rates")
+        if name != "--pattern" or request.pattern != "lawnmower"
     ]
     if request.settings and not request.joint:
         stated.append("--set (which goes with --joint)")

@@ -3,16 +3,28 @@
 The modules of these actions load much, and the command line reads the requests at its start, so that they stand here.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from firnline.actions.interface import Argument, Option
-from survey.core import ConfigError
+from survey.core import ConfigError, PictureKind
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from survey.reporting.rendering import PictureForm
 
 RUNS = Path("results/runs")
 
 Runs = Annotated[Path, Option("--runs", help="Folder that holds all runs.")]
+RatesFile = Annotated[
+    Path | None,
+    Option(
+        "--rates", help="Rates of people and rovers (TOML); person-days and cost are stated beside the time."
+    ),
+]
 Settings = Annotated[
     list[str], Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6.")
 ]
@@ -61,7 +73,30 @@ def stated_details(details: list[str]) -> dict[str, str]:
     return {title: given[name].strip() for name, title in _DETAILS.items() if name in given}
 
 
-NoPictures = Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")]
+Pictures = Annotated[
+    PictureKind,
+    Option(
+        "--pictures", help="Format of pictures: png, pdf or svg; the last two for print, with their fonts."
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions:
+    """Options of the actions that draw pictures beside their results."""
+
+    no_pictures: Annotated[bool, Option("--no-pictures", help="Draw no pictures beside the results.")] = False
+    pictures: Pictures = "png"
+
+    def write_pictures(self, folder: Path, draw: Callable[[], Mapping[str, "Figure"]]) -> None:
+        """Write figures into a folder, each under its name in the chosen format, unless none are wanted."""
+        if self.no_pictures:
+            return
+        from survey.figures.style import write_pictures
+
+        write_pictures(folder, draw(), self.pictures)
+
+
 Workers = Annotated[
     int | None,
     Option(
@@ -159,7 +194,7 @@ System = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReconstructRequest(RunOptions):
+class ReconstructRequest(RunOptions, PictureOptions):
     """What is to be mapped; None stands for an option that was not given."""
 
     sources: Annotated[
@@ -261,7 +296,6 @@ class ReconstructRequest(RunOptions):
         Path | None,
         Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
     ] = None
-    no_pictures: NoPictures = False
     force: Annotated[bool, Option("--force", help="Replace a reconstruction that is there.")] = False
 
     @property
@@ -333,6 +367,37 @@ class ReportRequest(RunOptions):
     """Run whose report is to be drawn."""
 
     source: Annotated[Path, Argument(help="A run folder, or a mission file (TOML).")]
+    pictures: Annotated[
+        PictureKind | None,
+        Option("--pictures", help="Format of the figures beside the page.  [default: png; pdf with --paper]"),
+    ] = None
+    paper: Annotated[
+        Literal["agu", "copernicus", "ieee"] | None,
+        Option("--paper", help="Draw the figures at the column widths of a publisher, for a paper."),
+    ] = None
+    rates: RatesFile = None
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether the report is the one that a run draws."""
+        return self.pictures in (None, "png") and self.paper is None and self.rates is None
+
+    @property
+    def form(self) -> "PictureForm":
+        """Format and width of the figures."""
+        from survey.reporting.rendering import PictureForm
+
+        return PictureForm(self.pictures or ("png" if self.paper is None else "pdf"), self.paper)
+
+    def field_work(self, plan: Path) -> str:
+        """Return days, person-days and cost of a planned route, from its folder; empty without rates."""
+        if self.rates is None:
+            return ""
+        from planners import Rates
+        from survey import Route
+
+        route = Route.read(plan / "route.geojson")
+        return str(Rates.read(self.rates).field_work(route.prediction["time_s"], route.n_rovers))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,6 +420,7 @@ class MonteCarloRequest(ExecutionOptions):
         "results/montecarlo"
     )
     fresh: Annotated[bool, Option("--fresh", help="Do every trial again.")] = False
+    pictures: Pictures = "png"
     settings: Settings = field(default_factory=list)
 
 
@@ -364,3 +430,4 @@ class RehearseRequest(RunOptions, ExecutionOptions):
 
     mission: Annotated[Path, Argument(help="Mission file (TOML).")]
     n_runs: Annotated[int, Option("--count", "-n", min=1, help="Number of runs.")] = 50
+    pictures: Pictures = "png"

@@ -129,6 +129,8 @@ class RunResult(Result):
         if "score" in content:
             lines.append(fact_line("RMSE", f"{content['score']['elevation']['rmse_m']:.3f} m"))
             lines.append(fact_line("class", best_class(content["score"])))
+            if self.wanted is not None:
+                lines.append(fact_line("required", f"{self.wanted}, {'met' if self.is_met else 'not met'}"))
         lines += [fact_line("map", sentence) for sentence in content.get("own_claim", [])]
         end = "report" if "report" in content else "run"
         return [*lines, fact_line(end, content[end])]
@@ -255,15 +257,18 @@ def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | 
     InputError
         A run without a score.
     """
-    if request.source.suffix == ".toml":
+    if request.source.suffix != ".toml":
+        found = _scored_run(request.source)
+    elif request.is_usual:
         return replace(
             run_until(request.source, "report", request, watch=watch, verbose=verbose), wanted=None
         )
+    else:
+        found = run_until(request.source, "score", request, watch=watch, verbose=verbose).run
     from sim.mission.report import write_mission_report
 
-    found = _scored_run(request.source)
     with found.stage("report") as folder:
-        write_mission_report(folder, found)
+        write_mission_report(folder, found, request.form, request.field_work(found.folder("plan")))
     return RunResult(found)
 
 

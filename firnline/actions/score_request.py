@@ -1,7 +1,7 @@
 """Request of a score: options that are checked against one another, the map that is judged, and classes of ground."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +12,7 @@ from firnline.actions.requests import (
     Details,
     Layout,
     Lengths,
+    Pictures,
     RunOptions,
     Select,
     columns_option,
@@ -75,9 +76,10 @@ class ScoreRequest(RunOptions):
     ] = field(default_factory=list)
     layout: Layout = None
     units: Lengths = None
-    datum: Annotated[str | None, Option("--datum", help="Vertical datum of checkpoints that state none.")] = (
-        None
-    )
+    datum: Annotated[
+        str | None,
+        Option("--datum", help="Vertical datum of map, reference and checkpoints where they state none."),
+    ] = None
     control: Annotated[
         Path | None, Option("--control", help="Points that the map was made from; no checkpoint may be one.")
     ] = None
@@ -111,9 +113,10 @@ class ScoreRequest(RunOptions):
         Path | None, Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf.")
     ] = None
     language: Annotated[
-        str, Option("--language", help="Language of the statements beside English: en or de.")
+        str, Option("--language", help="Language of the statements beside English: en, de, es or fr.")
     ] = "en"
     details: Details = field(default_factory=list)
+    pictures: Pictures = "png"
     force: Annotated[bool, Option("--force", help="Replace a report that is there.")] = False
 
     @property
@@ -169,7 +172,6 @@ class ScoreRequest(RunOptions):
                 "--sigma": self.sigma_m is not None,
                 "--columns": bool(self.columns),
                 "--format": self.layout is not None,
-                "--datum": self.datum is not None,
                 "--control": self.control is not None,
             }
             unused = next((name for name, is_given in options.items() if is_given), None)
@@ -215,7 +217,32 @@ class ScoreRequest(RunOptions):
 
 
 def map_of(
-    source: Path, crs: str | None = None, epoch_s: float | None = None, units: str | None = None
+    source: Path,
+    crs: str | None = None,
+    epoch_s: float | None = None,
+    units: str | None = None,
+    datum: str | None = None,
+) -> "survey.Reconstruction | survey.Dem":
+    """Read a map, above the vertical datum that was named where it states none; on moving ice, of an epoch."""
+    return with_datum(_read_map(source, crs, epoch_s, units), datum, source)
+
+
+def with_datum(
+    read: "survey.Reconstruction | survey.Dem", datum: str | None, source: Path
+) -> "survey.Reconstruction | survey.Dem":
+    """Return a map above the vertical datum that was named where it states none; refuse another one."""
+    if datum is None:
+        return read
+    from survey.core.crs import same_vertical_datum
+
+    mean = read if isinstance(read, survey.Dem) else read.mean
+    same_vertical_datum(mean.vertical_datum, datum, f"{source} and --datum")
+    stated = survey.Dem(mean.elevation, mean.transform, mean.crs, mean.vertical_datum or datum)
+    return stated if isinstance(read, survey.Dem) else replace(read, mean=stated)
+
+
+def _read_map(
+    source: Path, crs: str | None, epoch_s: float | None, units: str | None
 ) -> "survey.Reconstruction | survey.Dem":
     """Read firnline's own map from its folder, or anyone's raster with its band of standard deviations (`sigma_band`).
 

@@ -33,14 +33,11 @@ _WIDER = 1.5
 def preview_score(request: ScoreRequest) -> Preview:
     """Read the map and what it is judged by, and return what was read."""
     request.check()
-    map_ = map_of(request.source, request.crs, request.epoch_s, request.units)
+    map_ = _map_of(request)
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
     facts = {"map": "{} × {} cells".format(*dem.shape)}
     if request.checkpoints is None:
-        assert request.truth is not None
-        facts["reference"] = "{} × {} cells".format(
-            *survey.Dem.read(request.truth, crs=request.crs, units=request.units).shape
-        )
+        facts["reference"] = "{} × {} cells".format(*_reference(request).shape)
     else:
         facts["checkpoints"] = str(len(read_checkpoints(request, dem).names))
     return Preview.of([] if request.report is None else [request.report], facts)
@@ -70,7 +67,7 @@ def score(request: ScoreRequest) -> "ScoreResult":
     request.check()
     if request.checkpoints is None:
         return _score_against_raster(request)
-    return _score_at_checkpoints(request, map_of(request.source, request.crs, request.epoch_s, request.units))
+    return _score_at_checkpoints(request, _map_of(request))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +118,7 @@ class ScoreResult(Result):
             return self
         from survey.reporting.document import write_document
 
-        return replace(self, written=write_document(place, self.document()))
+        return replace(self, written=write_document(place, self.document(), self.request.pictures))
 
     @property
     def is_met(self) -> bool:
@@ -145,20 +142,10 @@ class ScoreResult(Result):
 
 
 def best_class(score: dict[str, Any]) -> str:
-    """Return a sentence about the strictest row of the standard that a map meets, from the plain values of a score."""
-    from survey.scoring.standards.map_classes import uncovered_sentence
-    from survey.scoring.standards.standards import LEAST_COVERED
+    """Return a sentence about the class of ASPRS Edition 2 that a map meets, from the plain values of a score."""
+    from survey.scoring.standards.map_classes import edition_2_sentence
 
-    verdicts: list[dict[str, Any]] = score["verdicts"]
-    if score["covered_share"] < LEAST_COVERED:
-        return f"{uncovered_sentence(score['covered_share'])} RMSE on the covered part {verdicts[0]['rmse_m']:.3f} m"
-    met = [verdict for verdict in verdicts if verdict["met"]]
-    row = met[-1] if met else verdicts[0]
-    words = "met, RMSE" if met else "not met, not even the loosest row: RMSE"
-    return (
-        f"{row['map_class']} at a {row['interval_m']:.4g} m interval ({row['standard']}) {words} "
-        f"{row['rmse_m']:.3f} m, limit {row['limit_m']:.4f} m"
-    )
+    return edition_2_sentence(score["elevation"]["rmse_m"], score["covered_share"])
 
 
 def class_met(content: dict[str, Any], wanted: str) -> bool:
@@ -171,11 +158,7 @@ def _score_against_raster(request: ScoreRequest) -> ScoreResult:
     """Judge a map by a reference raster, in blocks where they are large."""
     if _is_large(request):
         return _raster_result(request, _in_blocks(request), {}, (), _no_report)
-    assert request.truth is not None
-    map_, truth = (
-        map_of(request.source, request.crs, request.epoch_s, request.units),
-        survey.Dem.read(request.truth, crs=request.crs, units=request.units),
-    )
+    map_, truth = _map_of(request), _reference(request)
     area = area_if_named(request.area, request, truth.crs)
     route = None if request.route is None else survey.Route.read(request.route)
     judged = survey.score(map_, truth=truth, route=route, area=area)
@@ -188,6 +171,16 @@ def _score_against_raster(request: ScoreRequest) -> ScoreResult:
         remarks,
         lambda: _reference_report(request, (map_, truth), judged, area, classes),
     )
+
+
+def _map_of(request: ScoreRequest) -> "survey.Reconstruction | survey.Dem":
+    return map_of(request.source, request.crs, request.epoch_s, request.units, request.datum)
+
+
+def _reference(request: ScoreRequest) -> "survey.Dem":
+    assert request.truth is not None
+    read = map_of(request.truth, request.crs, units=request.units, datum=request.datum)
+    return read if isinstance(read, survey.Dem) else read.mean
 
 
 def _raster_result(

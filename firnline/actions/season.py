@@ -162,7 +162,7 @@ def _write(request: PlanRequest, design: "SeasonDesign", drawing: PlanDrawing) -
             design.route.write(route_file)
             table_file.write_text(_table(design), encoding="utf-8")
         return
-    from survey.figures import plan_map, png_bytes
+    from survey.figures import picture_bytes, plan_map
     from survey.figures.plans import season_plot
 
     chart = plan_map(drawing.area, design.route, terrain=drawing.terrain)
@@ -174,9 +174,9 @@ def _write(request: PlanRequest, design: "SeasonDesign", drawing: PlanDrawing) -
     plot = season_plot(errors, design.config.wanted, chosen, parts, design.config.unit)
     with replacing_files(*request.files.values()) as (route_file, picture_file, table_file, errors_file):
         design.route.write(route_file)
-        picture_file.write_bytes(png_bytes(chart))
+        picture_file.write_bytes(picture_bytes(chart, request.pictures))
         table_file.write_text(_table(design), encoding="utf-8")
-        errors_file.write_bytes(png_bytes(plot))
+        errors_file.write_bytes(picture_bytes(plot, request.pictures))
 
 
 def _table(design: "SeasonDesign") -> str:

@@ -11,6 +11,7 @@ from firnline.actions.requests import MonteCarloRequest, RehearseRequest
 from sim.mission.rehearsal import FaultEvent, fault_tree, summarize_outcomes
 from sim.mission.runs import read_mission
 from sim.montecarlo.config import read_study
+from survey.core import PictureKind
 from survey.core.documents import read_record
 from survey.core.run_folder import RunFolder
 
@@ -91,6 +92,7 @@ def montecarlo(request: MonteCarloRequest, progress: Progress = no_progress) -> 
         workers=request.workers,
         scheduler=request.scheduler,
         fresh=request.fresh,
+        pictures=request.pictures,
         watch=lambda done, total: progress("trials", done, total),
     )
     return StudyResult(folder, page)
@@ -108,11 +110,14 @@ class RehearsalResult(Result):
         The class.
     outcomes : list of dict
         Outcome of each run.
+    pictures : {"png", "pdf", "svg"}
+        Format of the picture.
     """
 
     folder: Path
     wanted: str
     outcomes: list[dict[str, Any]]
+    pictures: PictureKind = "png"
 
     def write(self) -> "RehearsalResult":
         """Draw the fault tree beside the outcomes.
@@ -122,14 +127,16 @@ class RehearsalResult(Result):
         RehearsalResult
             The same.
         """
-        from sim.mission.rehearsal import write_fault_tree
+        from sim.mission.rehearsal import fault_tree_plot
+        from survey.figures.style import write_pictures
 
-        write_fault_tree(summarize_outcomes(self.outcomes), fault_tree(self.outcomes), self._picture)
+        figure = fault_tree_plot(summarize_outcomes(self.outcomes), fault_tree(self.outcomes))
+        write_pictures(self.folder, {self._picture.stem: figure}, self.pictures)
         return self
 
     @property
     def _picture(self) -> Path:
-        return self.folder / "fault_tree.png"
+        return self.folder / f"fault_tree.{self.pictures}"
 
     def facts(self) -> dict[str, Any]:
         """Return probability, fault tree and outcomes."""
@@ -193,7 +200,8 @@ def rehearse(request: RehearseRequest, progress: Progress = no_progress) -> Rehe
         scheduler=request.scheduler,
         watch=lambda done, total: progress("runs", done, total),
     )
-    return RehearsalResult(folder, mission.score.require, outcomes(folder, request.n_runs))
+    found = outcomes(folder, request.n_runs)
+    return RehearsalResult(folder, mission.score.require, found, request.pictures)
 
 
 def _part_lines(event: FaultEvent, indent: str) -> list[str]:

@@ -21,8 +21,16 @@ from firnline.actions.interface import (
     previewed_by,
     read_about,
 )
-from firnline.actions.requests import ReconstructRequest
-from survey.core import InputError, Section, existing_file, same_vertical_datum, validated, with_overrides
+from firnline.actions.requests import PictureOptions, ReconstructRequest
+from survey.core import (
+    InputError,
+    Section,
+    existing_file,
+    picture_files,
+    same_vertical_datum,
+    validated,
+    with_overrides,
+)
 from survey.core.executors import open_workers
 from survey.reconstruction.tiled.global_parameters import coarse_nodes
 from survey.reconstruction.tiled.job import Control, TiledConfig, TiledJob, disk_bytes, fingerprint, tiled_job
@@ -31,7 +39,8 @@ from survey.reconstruction.tiled.survey_map import prior_on_nodes
 from survey.reconstruction.tiled.tile_map import TiledResult
 
 OWN_FILES = (
-    *("dem.vrt", "support.vrt", "coverage.tif", "reconstruction.json", "withheld.png"),
+    *("dem.vrt", "support.vrt", "coverage.tif", "reconstruction.json"),
+    *picture_files("withheld"),
     *("tiles/dem_*.tif", "tiles/support_*.tif", "*.aux.xml", "work/*"),
 )
 """Patterns of the files that a map in tiles consists of."""
@@ -51,13 +60,13 @@ class TiledMapResult(Result):
         Layout and settings.
     result : TiledResult
         Record, and the test by withheld cells.
-    draws : bool
-        Whether the test is drawn beside the map.
+    pictures : PictureOptions
+        Whether the test is drawn beside the map, and in which format.
     """
 
     job: TiledJob
     result: TiledResult
-    draws: bool = True
+    pictures: PictureOptions
 
     def write(self) -> "TiledMapResult":
         """Draw the test by withheld cells beside the map.
@@ -67,14 +76,15 @@ class TiledMapResult(Result):
         TiledMapResult
             The same.
         """
-        if not self.draws:
-            return self
         from survey.figures.calibration import withheld_plot
-        from survey.figures.style import png_bytes
 
         test, coverage = self.result.test, self.result.coverage
-        figure = withheld_plot(test.reliability, coverage.share, coverage.bounds)
-        (self.job.folder / "withheld.png").write_bytes(png_bytes(figure))
+        self.pictures.write_pictures(
+            self.job.folder,
+            lambda: {
+                "withheld": withheld_plot(test.reliability, coverage.share, coverage.bounds, self.job.map_crs)
+            },
+        )
         return self
 
     @property
@@ -146,7 +156,7 @@ def map_in_tiles(
     announce(fact_line("work", "; ".join(_facts(job).values())))
     engine: Any = "dask" if request.scheduler else "serial" if request.workers == 1 else "processes"
     with open_workers(engine, request.workers, request.scheduler) as run:
-        return TiledMapResult(job, make_map(job, run, progress), draws=not request.no_pictures)
+        return TiledMapResult(job, make_map(job, run, progress), request)
 
 
 def _checked_job(request: ReconstructRequest, *, removes: bool = True) -> TiledJob:

@@ -97,16 +97,24 @@ def _threads() -> Finding:
 
 
 def _fonts() -> Finding:
-    """Check that the font of the figures is found."""
-    from matplotlib import font_manager
+    """Check that matplotlib's list holds the fonts that it brings; firnline adds those that lack, other programs do not."""
+    import matplotlib
 
-    try:
-        font_manager.findfont("DejaVu Sans", fallback_to_default=False)
-    except ValueError:
+    from survey.figures.style import unlisted_fonts
+
+    brought = Path(matplotlib.get_data_path(), "fonts", "ttf")
+    if not (brought / "DejaVuSans.ttf").is_file():
         return Finding(
             "fonts", "DejaVu Sans is missing; install matplotlib again", is_well=False, prevents="figures"
         )
-    return Finding("fonts", "DejaVu Sans")
+    missing = unlisted_fonts()
+    if not missing:
+        return Finding("fonts", f"{len(list(brought.glob('*.ttf')))} of matplotlib")
+    lists = ", ".join(map(str, sorted(Path(matplotlib.get_cachedir()).glob("fontlist-*.json"))))
+    return Finding(
+        "fonts",
+        f"matplotlib's list lacks {len(missing)} of its own, such as {missing[-1].stem}; delete {lists}",
+    )
 
 
 def _compiled_cache() -> Finding:

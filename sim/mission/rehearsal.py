@@ -25,10 +25,10 @@ from sim.mission.runs import current_versions, open_run, planned_place, refuse_o
 from sim.mission.stages import run_mission
 from sim.simulate.simulated_drive import Ending
 from survey import FirnlineError, Route
-from survey.core import read_json, replacing, stream, validated, with_overrides, write_json
+from survey.core import read_json, stream, validated, with_overrides, write_json
 from survey.core.executors import Engine, run_all
 from survey.core.run_folder import RunFolder
-from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, png_bytes, styled
+from survey.figures.style import FULL_IN, MUTED, NO_GO, VEIL, styled
 
 CAUSES = {
     "met": "class met",
@@ -253,12 +253,6 @@ def fault_tree_plot(summary: RehearsalSummary, tree: FaultEvent) -> Figure:
     for box in boxes:
         _draw_box(axes, box, summary.n_runs)
     return figure
-
-
-def write_fault_tree(summary: RehearsalSummary, tree: FaultEvent, file: Path) -> None:
-    """Write the picture as PNG."""
-    with replacing(file) as draft:
-        draft.write_bytes(png_bytes(fault_tree_plot(summary, tree)))
 
 
 def _n_leaves(event: FaultEvent) -> int:

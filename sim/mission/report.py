@@ -23,6 +23,7 @@ from survey.io.tables import read_table
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reporting.page import write_report
 from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
+from survey.reporting.rendering import PNG, PictureForm
 from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
@@ -34,7 +35,7 @@ from survey.reporting.survey_results import (
 from vision_slam.plotting import tracks_on_frames
 
 
-def write_mission_report(folder: Path, run: RunFolder) -> Path:
+def write_mission_report(folder: Path, run: RunFolder, form: PictureForm = PNG, field_work: str = "") -> Path:
     """Write ``index.html`` and its figures into `folder`; return the page."""
     plan, simulated, localized = run.folder("plan"), run.folder("simulate"), run.folder("localize")
     places = drive_folders(simulated)
@@ -70,6 +71,8 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         localization=read_json(localization, "the localization error") if localization.exists() else None,
         config_text=run.config_text(),
         provenance=_provenance(run),
+        form=form,
+        field_work=field_work,
     )
     write_run_project(folder / "run.qgz", run, reconstruction)
     return page

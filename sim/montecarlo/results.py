@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 import tomlkit
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from sim.montecarlo.config import StudyConfig, Trial, TrialBlock, as_columns
 from survey.core import FloatArray, InputError, existing_file, first_line, replacing, stream
@@ -27,7 +28,7 @@ from survey.core.text import csv_cell
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
 from survey.io.arrays_file import checksum
 from survey.reporting.quantities import number, percent
-from survey.reporting.rendering import Picture, picture_of, render
+from survey.reporting.rendering import PNG, Picture, PictureForm, picture_of, render
 from survey.scoring.standards.map_classes import map_classes
 
 _CRC = b"firnline_crc32"
@@ -208,20 +209,24 @@ def write_rows(path: Path, rows: Sequence[SummaryRow]) -> None:
         )
 
 
+_MARKERS = "os^vD"
 _DASHES = ("-", (0, (4, 1.5)), ":", (0, (6, 1, 1, 1)))
 
 
-def write_study_report(folder: Path, study: StudyConfig, rows: Sequence[SummaryRow]) -> Path:
-    """Write ``index.html`` and ``figures/*.png`` into the study's folder; return the page."""
+def write_study_report(
+    folder: Path, study: StudyConfig, rows: Sequence[SummaryRow], form: PictureForm = PNG
+) -> Path:
+    """Write ``index.html`` and its figures, in ``figures``, into the study's folder; return the page."""
     (folder / "figures").mkdir(exist_ok=True)
     pictures, names = {}, {}
     for index, kind in enumerate(study.terrains):
         mine = [row for row in rows if row["terrain"] == kind.name]
-        names[kind.name] = f"figures/{index:02d}-error.png"
+        names[kind.name] = f"figures/{index:02d}-error.{form.kind}"
         picture = picture_of(
             error_curves({kind.name: mine}, study.limit_m),
             f"Mean error of the map against swaths and distance on {kind.name}",
             "Mean over the trials with its 95 % bootstrap interval; the limits of the map classes are drawn.",
+            form,
         )
         with replacing(folder / names[kind.name]) as draft:
             draft.write_bytes(picture.image)
@@ -259,7 +264,8 @@ def draw_curves(
 ) -> None:
     """Draw the curves of one terrain on logarithmic errors, with the classes' limits."""
     found = curves(rows)
-    looks = {planner: ROVERS[i % len(ROVERS)] for i, planner in enumerate(dict.fromkeys(k[1] for k in found))}
+    planners = list(dict.fromkeys(planner for _, planner, _ in found))
+    looks = {name: (ROVERS[i % len(ROVERS)], _MARKERS[i % len(_MARKERS)]) for i, name in enumerate(planners)}
     dashes = {m: _DASHES[i % len(_DASHES)] for i, m in enumerate(dict.fromkeys(k[2] for k in found))}
     for (_, planner, map_name), points in found.items():
         at = np.array([point[x] for point in points], dtype=float)
@@ -267,12 +273,15 @@ def draw_curves(
             np.array([p[f"mean_rmse_m{end}"] for p in points]) for end in ("", "_low", "_high")
         )
         label = planner if len(dashes) == 1 else f"{planner}, {map_name}"
+        colour, marker = looks[planner]
         axes.plot(
-            at, mean, color=looks[planner], linestyle=dashes[map_name], marker="o", markersize=3, label=label
+            at, mean, color=colour, linestyle=dashes[map_name], marker=marker, markersize=4, label=label
         )
-        axes.fill_between(at, low, high, color=looks[planner], alpha=0.18, linewidth=0)
+        axes.fill_between(at, low, high, color=colour, alpha=0.18, linewidth=0)
     draw_limits(axes, limit_m, named=name_limits)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.grid(visible=True, axis="y")
 
 
@@ -292,7 +301,7 @@ def draw_limits(axes: Axes, limit_m: float, *, named: bool = True) -> None:
             xycoords=("axes fraction", "data"),
             ha="right",
             va="bottom" if chief else "top",
-            fontsize=6.5,
+            fontsize=8,
         )
 
 

@@ -29,10 +29,12 @@ from sim.montecarlo.results import (
 )
 from sim.montecarlo.trials import survey_block
 from survey import CapacityError, ConfigError, InputError
+from survey.core import PictureKind
 from survey.core.documents import RECORD, is_intact, read_json, with_checksum, write_json, write_record
 from survey.core.executors import Engine, run_all
 from survey.core.replacement import refuse_unwritable, replacing_files
 from survey.reconstruction.capacity import smallest_step_m
+from survey.reporting.rendering import PictureForm
 
 _BEGUN, _BEGUN_SHA256 = "study.json", "study_sha256"
 TrialProgress = Callable[[int, int], None]
@@ -51,6 +53,7 @@ def run_study(
     workers: int | None = None,
     scheduler: str | None = None,
     fresh: bool = False,
+    pictures: PictureKind = "png",
     watch: TrialProgress = lambda *_: None,
 ) -> Path:
     """Run every trial that is not done yet, then write the tables, the summary and the page."""
@@ -70,7 +73,7 @@ def run_study(
             write_block(folder, block, trials)
             n_done += block.n
             watch(n_done, total)
-        _write_results(study, folder, blocks)
+        _write_results(study, folder, blocks, pictures)
     return folder / "index.html"
 
 
@@ -79,7 +82,9 @@ def _refuse_other_versions(folder: Path) -> None:
     refuse_other_versions(before, f"the study in {folder}", "do all trials again with --fresh")
 
 
-def _write_results(study: StudyConfig, folder: Path, blocks: Sequence[TrialBlock]) -> None:
+def _write_results(
+    study: StudyConfig, folder: Path, blocks: Sequence[TrialBlock], pictures: PictureKind
+) -> None:
     """Write tables, page and their record to a draft, and put all of them in place together."""
     with replacing_files(*(folder / name for name in RESULTS)) as (page, *_):
         draft = page.parent
@@ -87,7 +92,7 @@ def _write_results(study: StudyConfig, folder: Path, blocks: Sequence[TrialBlock
         rows = summarize_trials(draft / "trials.parquet", study)
         write_rows(draft / "summary.csv", rows)
         write_rows(draft / "minimum_swaths.csv", minimum_swaths(rows, study))
-        write_study_report(draft, study, rows)
+        write_study_report(draft, study, rows, PictureForm(pictures))
         write_record(draft, [file for file in draft.rglob("*") if file.is_file()], {})
 
 

@@ -25,8 +25,10 @@ from survey.core.errors import CapacityError as CapacityError
 from survey.core.errors import ConfigError as ConfigError
 from survey.core.errors import FirnlineError as FirnlineError
 from survey.core.errors import InputError as InputError
+from survey.core.files import PictureKind as PictureKind
 from survey.core.files import existing_file as existing_file
 from survey.core.files import first_line as first_line
+from survey.core.files import picture_files as picture_files
 from survey.core.files import replacing as replacing
 from survey.core.files import write_bytes as write_bytes
 from survey.core.files import write_text as write_text

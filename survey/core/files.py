@@ -19,8 +19,21 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal, get_args
 
 from survey.core.errors import CapacityError, InputError
+
+PictureKind = Literal["png", "pdf", "svg"]
+"""Formats of pictures that commands draw."""
+
+
+def picture_files(*names: str) -> tuple[str, ...]:
+    """Return the names of files that pictures can have, in every format.
+
+    >>> picture_files("map")
+    ('map.png', 'map.pdf', 'map.svg')
+    """
+    return tuple(f"{name}.{kind}" for name in names for kind in get_args(PictureKind))
 
 
 def existing_file(path: str | Path, what: str) -> Path:

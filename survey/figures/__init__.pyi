@@ -16,4 +16,5 @@ from survey.figures.paths import error_over_time as error_over_time
 from survey.figures.paths import executed_route as executed_route
 from survey.figures.paths import path_map as path_map
 from survey.figures.plans import plan_map as plan_map
+from survey.figures.style import picture_bytes as picture_bytes
 from survey.figures.style import png_bytes as png_bytes

@@ -12,11 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
+from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.errors import height_error
+from survey.figures.layout import MapFigure, label_maps, set_up_map
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, REFERENCE, styled
 from survey.reconstruction.checks import PredictiveCheck
 from survey.reconstruction.terrain_map import Reconstruction
@@ -139,7 +141,9 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
 
 
 @styled
-def withheld_plot(reliability: Mapping[float, float], coverage: FloatArray, bounds: Bounds) -> Figure:
+def withheld_plot(
+    reliability: Mapping[float, float], coverage: FloatArray, bounds: Bounds, crs: CRS | None = None
+) -> Figure:
     """Draw the reliability diagram of a map in tiles, and where its 95 % intervals held the withheld cells.
 
     `coverage` (H, W): share of withheld cells within the 95 % interval, in blocks, the first row the southern
@@ -162,6 +166,7 @@ def withheld_plot(reliability: Mapping[float, float], coverage: FloatArray, boun
         axis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     left.legend(loc="upper left")
     _draw_coverage_map(right, coverage, bounds)
+    label_maps(MapFigure(figure, [right], right), "Within the 95 % interval", crs=crs)
     return figure
 
 
@@ -176,5 +181,5 @@ def _draw_coverage_map(axes: Axes, coverage: FloatArray, bounds: Bounds) -> None
         cmap="cividis",
         interpolation="nearest",
     )
-    axes.set(title="Within the 95 % interval", xlabel="Easting [m]", ylabel="Northing [m]")
+    set_up_map(axes, bounds)
     axes.figure.colorbar(image, ax=axes, format=PercentFormatter(1.0, decimals=0), extend="min")

@@ -21,8 +21,15 @@ from survey.core import Bounds, FloatArray, InputError, same_crs, same_vertical_
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
-from survey.figures.layout import add_colour_bar, draw_scale_and_north, map_figure, view
-from survey.figures.map_layers import along, draw_area, draw_raster, draw_relief, relief_exaggeration
+from survey.figures.layout import add_colour_bar, label_maps, map_figure, view
+from survey.figures.map_layers import (
+    along,
+    draw_area,
+    draw_raster,
+    draw_relief,
+    mark_signs,
+    relief_exaggeration,
+)
 from survey.figures.maps import draw_outline_and_route
 from survey.figures.style import (
     CLAIM,
@@ -103,10 +110,12 @@ def error_map(
     error = height_error(reconstruction, reference, area)
     drawing = map_figure(HALF_IN, view(reconstruction.mean, area))
     axes = drawing.maps[0]
-    image = draw_raster(axes, error, reconstruction.mean, ERROR, symmetric_limits(error))
+    limits = symmetric_limits(error)
+    image = draw_raster(axes, error, reconstruction.mean, ERROR, limits)
+    mark_signs(axes, error, reconstruction.mean, limits)
     draw_outline_and_route(axes, area, route)
     add_colour_bar(image, drawing, "Error [m]", extend="both")
-    axes.set_title("Reconstruction \u2212 reference")
+    label_maps(drawing, "Reconstruction \u2212 reference", crs=reconstruction.mean.crs)
     return drawing.figure
 
 
@@ -242,22 +251,16 @@ def residual_map(errors: CheckpointErrors, dem: Dem, area: SurveyArea | None = N
     if area is not None:
         draw_area(axes, area, veil=False)
     reach = max(float(np.abs(errors.errors_m).max()), 1e-6)
-    points = axes.scatter(
-        errors.xyz[:, 0],
-        errors.xyz[:, 1],
-        c=errors.errors_m,
-        cmap=ERROR,
-        norm=Normalize(-reach, reach),
-        s=42.0,
-        edgecolors=INK,
-        linewidths=0.7,
-        zorder=6,
-    )
+    look: dict[str, Any] = {"cmap": ERROR, "norm": Normalize(-reach, reach), "edgecolors": INK}
+    for marker, chosen in (("^", errors.errors_m >= 0.0), ("v", errors.errors_m < 0.0)):
+        x, y, _ = errors.xyz[chosen].T
+        points = axes.scatter(
+            x, y, c=errors.errors_m[chosen], s=42.0, marker=marker, linewidths=0.7, zorder=6, **look
+        )
     if len(errors.names) <= _MOST_NAMES:
         _name_points(axes, errors.names, errors.xyz)
     add_colour_bar(points, drawing, "Residual (map \u2212 checkpoint) [m]")
-    draw_scale_and_north(drawing, crs=dem.crs)
-    axes.set_title("Residuals at the checkpoints")
+    label_maps(drawing, "Residuals at the checkpoints", crs=dem.crs)
     return drawing.figure
 
 
@@ -325,10 +328,10 @@ def residual_quantiles(errors: FloatArray, statistics: ErrorStatistics) -> Figur
         ends,
         statistics.median_m + statistics.nmad_m * ends,
         color=MUTED,
-        label="Normal with the median and NMAD of the residuals",
+        label="Normal, of equal median and NMAD",
     )
     axes.plot(normal[::every], ordered[::every], "o", color=CLAIM, markersize=3.0)
-    axes.set(xlabel="Quantile of the standard normal distribution", ylabel="Residual [m]")
+    axes.set(xlabel="Quantile of the normal distribution", ylabel="Residual [m]")
     axes.grid(visible=True)
     axes.set_title("Normal quantiles")
     figure.legend(loc="outside lower center")
@@ -343,7 +346,7 @@ def _name_points(axes: Any, names: tuple[str, ...], xyz: FloatArray) -> None:
             (x, y),
             xytext=(4.0, 4.0),
             textcoords="offset points",
-            fontsize=6.5,
+            fontsize=8,
             path_effects=casing,
             zorder=7,
         )

@@ -1,14 +1,14 @@
-"""Layout of figures: axes of maps with scale bar and north arrow, and narrow versions of wide figures for phones.
+"""Layout of figures: axes of maps with scale bar, north arrow and CRS, and figures at the widths of pages and columns.
 
 `map_figure` makes a figure with one or more maps of equal scale; layers are drawn into them by
 `survey.figures.map_layers`. The scale bar counts on the ground where the scale factor of the CRS differs from 1
-by more than 1 %. `narrow_image` renders a figure with its panels in one column and its legends in two, and
-restores the figure.
+by more than 1 %. `arranged` lays a figure out at another width with letters of the same size, and restores it:
+`narrow_image` for phones, at `column_width_in` for the columns of a journal.
 """
 
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any, Literal, NamedTuple
 
@@ -21,15 +21,16 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+from matplotlib.transforms import ScaledTranslation, Transform, blended_transform_factory
 from PIL.Image import Image
 from pyproj import CRS
 
 from survey.core import Bounds, round_number
+from survey.core.crs import crs_text
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.figures.style import INK, VEIL, page_image, styled
+from survey.figures.style import INK, MUTED, VEIL, page_image, styled
 
 _TALLEST_MAP_IN = 6.2
 MAP, COLOUR_BAR = "map", "colour bar"
@@ -71,36 +72,77 @@ def widen(bounds: Bounds) -> Bounds:
     return xmin - x, ymin - y, xmax + x, ymax + y
 
 
-def map_figure(width_in: float, bounds: Bounds, *, n_maps: int = 1, legend: bool = False) -> MapFigure:
-    """Return empty maps side by side with room for a colour bar, so that figures of one width line up.
+_LEFT_IN, _RIGHT_IN, _GAP_IN, _AXIS_IN, _ABOVE_IN = 0.86, 1.0, 0.14, 0.5, 0.36
+_LEGEND_ROW_IN, _TITLE_LINE_IN = 0.2, 0.17
+
+
+def map_figure(width_in: float, bounds: Bounds, *, n_maps: int = 1) -> MapFigure:
+    """Return empty maps side by side with room for a colour bar, so that figures of one width line up."""
+    figure = Figure(figsize=(width_in, width_in))
+    maps = [figure.add_axes((0.0, 0.0, 1.0, 1.0), label=MAP) for _ in range(n_maps)]
+    drawing = MapFigure(figure, maps, figure.add_axes((0.0, 0.0, 1.0, 1.0), label=COLOUR_BAR))
+    for index, axes in enumerate(maps):
+        set_up_map(axes, bounds, first=index == 0, crowded=n_maps > 1)
+    _place_maps(drawing, width_in, n_columns=n_maps)
+    return drawing
+
+
+def _place_maps(
+    drawing: MapFigure, width_in: float, *, n_columns: int, n_legend_rows: int = 0, n_title_lines: int = 1
+) -> None:
+    """Place maps in rows with the colour bar beside them, above room for a legend.
 
     Sizes are set by hand [in]: an automatic layout would place every map a little differently.
     """
-    left, right, gap, top = 0.92, 0.94, 0.14, 0.46
-    bottom = 0.95 if legend else 0.52
-    xmin, ymin, xmax, ymax = bounds
-    aspect = (ymax - ymin) / (xmax - xmin)
-    room = width_in - left - right
-    map_width = min((room - gap * (n_maps - 1)) / n_maps, _TALLEST_MAP_IN / aspect)
-    map_height = map_width * aspect
+    figure, maps, bar = drawing
+    (west, east), (south, north) = maps[0].get_xlim(), maps[0].get_ylim()
+    aspect = (north - south) / (east - west)
+    n_rows = math.ceil(len(maps) / n_columns)
+    room = width_in - _LEFT_IN - _RIGHT_IN
+    wide = min((room - _GAP_IN * (n_columns - 1)) / n_columns, _TALLEST_MAP_IN / aspect)
+    tall = wide * aspect
+    above = _ABOVE_IN + _TITLE_LINE_IN * n_title_lines
+    below = _AXIS_IN + _LEGEND_ROW_IN * (n_legend_rows + 0.5 * bool(n_legend_rows))
+    stack = n_rows * tall + (n_rows - 1) * (_AXIS_IN + above)
     # A map that is too tall for the page's width stands in its middle.
-    left += 0.5 * (room - n_maps * map_width - (n_maps - 1) * gap)
-    height_in = bottom + map_height + top
-    figure = Figure(figsize=(width_in, height_in))
+    start = _LEFT_IN + 0.5 * (room - n_columns * wide - (n_columns - 1) * _GAP_IN)
+    height = below + stack + above
+    figure.set_size_inches(width_in, height)
 
-    def add(start: float, width: float, label: str) -> Axes:
-        return figure.add_axes(
-            (start / width_in, bottom / height_in, width / width_in, map_height / height_in), label=label
-        )
+    def place(axes: Axes, left: float, low: float, size: tuple[float, float]) -> None:
+        axes.set_position((left / width_in, low / height, size[0] / width_in, size[1] / height))
 
-    maps = [add(left + index * (map_width + gap), map_width, MAP) for index in range(n_maps)]
-    bar = add(left + n_maps * (map_width + gap) - gap + 0.1, 0.11, COLOUR_BAR)
     for index, axes in enumerate(maps):
-        _set_up_map(axes, bounds, first=index == 0, crowded=n_maps > 1)
-    return MapFigure(figure, maps, bar)
+        row, column = divmod(index, n_columns)
+        low = below + stack - tall - row * (tall + _AXIS_IN + above)
+        place(axes, start + column * (wide + _GAP_IN), low, (wide, tall))
+        axes.tick_params(axis="y", labelleft=column == 0)
+    place(bar, start + n_columns * (wide + _GAP_IN) - _GAP_IN + 0.1, below, (0.11, stack))
 
 
-def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> None:
+def add_legend(drawing: MapFigure, handles: Sequence[Artist]) -> None:
+    """Write a legend below the maps, in as many columns as the width takes."""
+    width_in = drawing.figure.get_figwidth()
+    n_columns = _legend_columns([str(handle.get_label()) for handle in handles], width_in)
+    drawing.figure.legend(
+        handles=list(handles), loc="lower center", ncols=n_columns, columnspacing=_COLUMN_SPACING
+    )
+    n_rows = math.ceil(len(handles) / n_columns)
+    _place_maps(drawing, width_in, n_columns=len(drawing.maps), n_legend_rows=n_rows)
+
+
+_COLUMN_SPACING = 1.6
+# Width of an entry of a legend: its handle with the spaces, and the mean width of a letter [in].
+_HANDLE_IN, _LETTER_IN = 0.52, 0.07
+
+
+def _legend_columns(labels: Sequence[str], width_in: float) -> int:
+    """Return the number of columns of a legend that a width takes."""
+    widest = _HANDLE_IN + _LETTER_IN * max(map(len, labels), default=1)
+    return max(min(int(width_in / widest), len(labels)), 1)
+
+
+def set_up_map(axes: Axes, bounds: Bounds, *, first: bool = True, crowded: bool = False) -> None:
     """Give the axes a map's limits, true proportions, and easting and northing in metres."""
     xmin, ymin, xmax, ymax = bounds
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", facecolor=VEIL, xlabel="Easting [m]")
@@ -116,7 +158,6 @@ def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> No
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: grouped(value, decimals)))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
-    axes.tick_params(axis="y", labelleft=first)
     if first:
         axes.set_ylabel("Northing [m]")
 
@@ -149,21 +190,43 @@ def add_colour_bar(
     bar.outline.set_visible(False)
 
 
+_TITLE_PAD_PT = 21.0
+_LONGEST_CRS = 20
+
+
+def label_maps(drawing: MapFigure, *titles: str, crs: CRS | None, north: bool = True) -> None:
+    """Write the titles of the maps, and give them scale bar, north arrow and CRS."""
+    for axes, title in zip(drawing.maps, titles, strict=True):
+        axes.set_title(title, pad=_TITLE_PAD_PT)
+    draw_scale_and_north(drawing, north=north, crs=crs)
+    if crs is None:
+        return
+    axes = drawing.maps[-1]
+    code = crs_text(crs)
+    name = code if len(code) <= _LONGEST_CRS else textwrap.shorten(crs.name, _LONGEST_CRS, placeholder=" …")
+    beside = axes.transAxes + ScaledTranslation(0.95, -0.27, drawing.figure.dpi_scale_trans)
+    axes.text(1.0, 0.0, name, transform=beside, ha="right", va="top", fontsize=8, color=MUTED)
+
+
 def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | None = None) -> None:
-    """Draw a scale bar and, where the map has one, a grid-north arrow above the map, where they cover nothing.
+    """Draw a scale bar and, where the map has one, a grid-north arrow above each map, where they cover nothing.
 
     With `crs` the bar counts on the ground where the scale factor of the CRS differs from 1 by more than 1 %.
     """
-    axes = drawing.maps[0]
+    for axes in drawing.maps:
+        inches_above = drawing.figure.dpi_scale_trans + ScaledTranslation(0.0, 1.0, axes.transAxes)  # type: ignore[arg-type]  # it is affine
+        _draw_scale(axes, blended_transform_factory(axes.transData, inches_above), crs)
+        if north:
+            _draw_north(axes, blended_transform_factory(axes.transAxes, inches_above))
+
+
+def _draw_scale(axes: Axes, place: Transform, crs: CRS | None) -> None:
     xmin, xmax = axes.get_xlim()
     width = xmax - xmin
     factor = 1.0 if crs is None else _scale_factor(axes, crs)
     ground_m = round_number(width / factor / 4.0)
     length = ground_m * factor
-    end = xmax - 0.09 * width
-    inches_above = drawing.figure.dpi_scale_trans + ScaledTranslation(0.0, 1.0, axes.transAxes)  # type: ignore[arg-type]  # it is affine
-    place = blended_transform_factory(axes.transData, inches_above)
-    across = blended_transform_factory(axes.transAxes, inches_above)
+    end = xmax - 0.12 * width
     for start, colour in ((end - length, INK), (end - length / 2.0, "white")):
         bar: dict[str, Any] = {
             "facecolor": colour,
@@ -175,12 +238,13 @@ def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | N
         axes.add_patch(Rectangle((start, 0.10), length / 2.0, 0.08, **bar))
     text = f"{grouped(ground_m / 1000.0)} km" if ground_m >= 1000.0 else f"{ground_m:g} m"
     axes.text(end - length - 0.015 * width, 0.14, text, transform=place, ha="right", va="center", fontsize=8)
-    if not north:
-        return
-    axes.text(0.955, 0.14, "N", transform=across, ha="center", va="center", fontweight="bold")
-    arrow = {"arrowstyle": "-|>", "color": INK, "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0}
+
+
+def _draw_north(axes: Axes, place: Transform) -> None:
+    axes.text(0.945, 0.14, "N", transform=place, ha="center", va="center", fontweight="bold")
+    arrow = {"arrowstyle": "-|>", "color": INK, "mutation_scale": 9, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(
-        "", xy=(0.985, 0.34), xytext=(0.985, 0.03), xycoords=across, arrowprops=arrow, annotation_clip=False
+        "", xy=(0.99, 0.26), xytext=(0.99, 0.03), xycoords=place, arrowprops=arrow, annotation_clip=False
     )
 
 
@@ -192,44 +256,74 @@ def _scale_factor(axes: Axes, crs: CRS) -> float:
 
 NARROW_IN = 4.0
 """Width of a narrow figure [in]; a phone shows 90 CSS pixels per inch."""
-_LEFT_IN, _RIGHT_IN, _GAP_IN, _AXIS_IN = 0.85, 0.85, 0.8, 0.55
-_LEGEND_ROW_IN, _TITLE_LINE_IN = 0.2, 0.17
-_LETTERS = 40
+_STACKED_BELOW_IN = 6.0
+_N_LAYOUTS = 2
+# Mean width of a letter of a title [in].
+_TITLE_LETTER_IN = 0.084
+_MM_PER_IN = 25.4
+PAPERS_MM = {"agu": (95.0, 190.0), "copernicus": (83.0, 120.0), "ieee": (88.9, 182.0)}
+"""Widths of figures in one and in two columns [mm], by publisher, from their instructions to authors."""
+Paper = Literal["agu", "copernicus", "ieee"]
 
 
 @styled
 def narrow_image(figure: Figure) -> Image:
     """Draw a wide figure for a phone; the figure itself stays as it is."""
-    with _narrowed(figure):
+    with arranged(figure, NARROW_IN):
         return page_image(figure)
 
 
+def column_width_in(figure: Figure, paper: Paper) -> float:
+    """Return the width of one or two columns of a publisher [in], by the width of a figure."""
+    return PAPERS_MM[paper][is_wide(figure)] / _MM_PER_IN
+
+
+def is_wide(figure: Figure) -> bool:
+    """Return whether a figure takes the width of a page."""
+    return bool(figure.get_figwidth() > _STACKED_BELOW_IN)
+
+
 @contextmanager
-def _narrowed(figure: Figure) -> Iterator[None]:
-    """Rearrange a figure for as long as the context is open."""
+def arranged(figure: Figure, width_in: float) -> Iterator[None]:
+    """Lay a figure out at a width [in] for as long as the context is open; narrow ones have one column of panels."""
     size = figure.get_figwidth(), figure.get_figheight()
     maps = [axes for axes in figure.axes if axes.get_label() == MAP]
+    is_stacked = width_in < _STACKED_BELOW_IN
+    n_columns = 1 if is_stacked else max(len(maps), _n_columns(figure))
+    n_letters = int((width_in / n_columns - _LEFT_IN) / _TITLE_LETTER_IN)
     with ExitStack() as changes:
-        changes.enter_context(_two_columns(figure))
+        changes.enter_context(_legends_within(figure, width_in, is_narrow=is_stacked))
         for axes in figure.axes:
-            # The title of a single map stands above its scale bar and north arrow.
-            changes.enter_context(_wrapped_titles(axes, 2 if maps == [axes] else 0))
-        changes.enter_context(_stacked_maps(figure, maps) if maps else _stacked_panels(figure))
+            changes.enter_context(_wrapped_titles(axes, n_letters))
+        if maps:
+            changes.enter_context(_maps_within(figure, maps, width_in, n_columns))
+        elif is_stacked:
+            changes.enter_context(_stacked_panels(figure, width_in))
+        else:
+            figure.set_figwidth(width_in)
+        # An automatic layout comes to rest after a few drawings.
+        for _ in range(_N_LAYOUTS if not maps else 0):
+            figure.draw_without_rendering()
         yield
         figure.set_size_inches(*size)
 
 
+def _n_columns(figure: Figure) -> int:
+    """Return the number of columns of a figure's grid of panels."""
+    specs = [spec for axes in figure.axes if (spec := axes.get_subplotspec()) is not None]
+    return max((spec.get_gridspec().ncols for spec in specs), default=1)
+
+
 @contextmanager
-def _stacked_panels(figure: Figure) -> Iterator[None]:
+def _stacked_panels(figure: Figure, width_in: float) -> Iterator[None]:
     """Put the panels of a grid below one another, column after column, each as tall as before."""
     specs = {axes: spec for axes in figure.axes if (spec := axes.get_subplotspec()) is not None}
-    n_columns = max((spec.get_gridspec().ncols for spec in specs.values()), default=1)
     order = sorted(specs, key=lambda axes: (specs[axes].colspan.start, specs[axes].rowspan.start))
     ratios = [_height_ratio(specs[axes]) for axes in order]
     column = GridSpec(max(len(order), 1), 1, figure=figure, height_ratios=ratios or None)
+    figure.set_size_inches(width_in, figure.get_figheight() * _n_columns(figure))
     for row, axes in enumerate(order):
         axes.set_subplotspec(column[row, 0])
-    figure.set_size_inches(NARROW_IN, figure.get_figheight() * n_columns)
     yield
     for axes, spec in specs.items():
         axes.set_subplotspec(spec)
@@ -241,28 +335,17 @@ def _height_ratio(spec: SubplotSpec) -> float:
 
 
 @contextmanager
-def _stacked_maps(figure: Figure, maps: list[Axes]) -> Iterator[None]:
-    """Put maps below one another at one scale, with the colour bar beside all of them."""
+def _maps_within(figure: Figure, maps: list[Axes], width_in: float, n_columns: int) -> Iterator[None]:
+    """Place maps at one scale in columns, with the colour bar beside all of them."""
     before = {axes: axes.get_position() for axes in figure.axes}
-    (west, east), (south, north) = maps[0].get_xlim(), maps[0].get_ylim()
-    wide = NARROW_IN - _LEFT_IN - _RIGHT_IN
-    tall = wide * (north - south) / (east - west)
-    rows = sum(math.ceil(len(legend.legend_handles) / 2) for legend in figure.legends)
-    bottom = _AXIS_IN + _LEGEND_ROW_IN * (rows + 0.5 * bool(rows))
-    top = 0.15 + _TITLE_LINE_IN * (maps[0].get_title("left").count("\n") + 1)
-    stack = len(maps) * tall + (len(maps) - 1) * _GAP_IN
-    height = bottom + stack + top
-
-    def place(axes: Axes, left: float, low: float, width: float, up: float) -> None:
-        axes.set_position((left / NARROW_IN, low / height, width / NARROW_IN, up / height))
-
-    figure.set_size_inches(NARROW_IN, height)
-    for row, axes in enumerate(maps):
-        place(axes, _LEFT_IN, bottom + stack - (row + 1) * tall - row * _GAP_IN, wide, tall)
-        axes.tick_params(axis="y", labelleft=True)
-    for axes in figure.axes:
-        if axes.get_label() == COLOUR_BAR:
-            place(axes, _LEFT_IN + wide + 0.08, bottom, 0.1, stack)
+    bar = next(axes for axes in figure.axes if axes.get_label() == COLOUR_BAR)
+    _place_maps(
+        MapFigure(figure, maps, bar),
+        width_in,
+        n_columns=n_columns,
+        n_legend_rows=sum(_n_rows(legend, width_in) for legend in figure.legends),
+        n_title_lines=max(axes.get_title("left").count("\n") + 1 for axes in maps),
+    )
     yield
     for axes, position in before.items():
         axes.set_position(position)
@@ -271,8 +354,8 @@ def _stacked_maps(figure: Figure, maps: list[Axes]) -> Iterator[None]:
 
 
 @contextmanager
-def _two_columns(figure: Figure) -> Iterator[None]:
-    """Draw the legends of a figure and of its panels in two columns."""
+def _legends_within(figure: Figure, width_in: float, *, is_narrow: bool) -> Iterator[None]:
+    """Draw the legend of a figure in as many columns as a width takes; those of narrow panels in two."""
     of_figure, of_axes = list(figure.legends), {axes: axes.get_legend() for axes in figure.axes}
     where: Literal["lower center", "outside lower center"] = (
         "lower center" if figure.get_layout_engine() is None else "outside lower center"
@@ -280,15 +363,21 @@ def _two_columns(figure: Figure) -> Iterator[None]:
     for wide in of_figure:
         wide.remove()
         handles, labels = _entries(wide)
-        figure.legend(handles, labels, loc=where, ncols=2)
+        n_columns = _legend_columns(labels, width_in)
+        figure.legend(handles, labels, loc=where, ncols=n_columns, columnspacing=_COLUMN_SPACING)
     for axes, legend in of_axes.items():
-        if legend is not None and len(legend.texts) > 2:
+        if is_narrow and legend is not None and len(legend.texts) > 2:
             handles, labels = _entries(legend)
-            axes.legend(handles, labels, loc="best", ncols=2)
+            axes.legend(handles, labels, loc="best", ncols=_legend_columns(labels, min(width_in, 2.8)))
     yield
     figure.legends[:] = of_figure
     for axes, legend in of_axes.items():
         axes.legend_ = legend
+
+
+def _n_rows(legend: Legend, width_in: float) -> int:
+    labels = [text.get_text() for text in legend.texts]
+    return math.ceil(len(labels) / _legend_columns(labels, width_in))
 
 
 def _entries(legend: Legend) -> tuple[list[Artist], list[str]]:
@@ -296,13 +385,13 @@ def _entries(legend: Legend) -> tuple[list[Artist], list[str]]:
 
 
 @contextmanager
-def _wrapped_titles(axes: Axes, n_lines_below: int) -> Iterator[None]:
-    """Break long titles into lines, with empty ones below them."""
+def _wrapped_titles(axes: Axes, n_letters: int) -> Iterator[None]:
+    """Break long titles into lines."""
     shown = {axes.get_title(place) for place in ("left", "center", "right")} - {""}
     titles = [text for text in axes.findobj(Text) if text.get_text() in shown]
     before = [text.get_text() for text in titles]
     for text, words in zip(titles, before, strict=True):
-        text.set_text(textwrap.fill(words, _LETTERS) + "\n" * n_lines_below)
+        text.set_text(textwrap.fill(words, n_letters))
     yield
     for text, words in zip(titles, before, strict=True):
         text.set_text(words)

@@ -5,7 +5,7 @@ more cells than a page has pixels.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,22 @@ from affine import Affine
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LightSource, Normalize
+from matplotlib.contour import ContourSet
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 from scipy.ndimage import distance_transform_edt
-from shapely import MultiPolygon, Polygon, get_coordinates, get_parts
+from shapely import (
+    LineString,
+    MultiLineString,
+    MultiPoint,
+    MultiPolygon,
+    Polygon,
+    get_coordinates,
+    get_parts,
+    intersection,
+)
 
 from survey.core import FloatArray, round_number
 from survey.data.area import SurveyArea
@@ -27,7 +37,7 @@ from survey.data.dem import Dem
 from survey.data.route import Leg, Route
 from survey.figures.style import DEVIATION, ELEVATION, INK, MUTED, NO_GO, ROVERS
 
-_CASING = [patheffects.withStroke(linewidth=3.2, foreground="white")]
+_HALO = [patheffects.withStroke(linewidth=2.0, foreground="white")]
 
 
 def draw_area(axes: Axes, area: SurveyArea, *, veil: bool = True) -> list[Patch]:
@@ -70,21 +80,40 @@ def outline_path(shape: Polygon | MultiPolygon) -> Outline:
 
 def draw_route_lines(axes: Axes, route: Route) -> None:
     """Draw the swaths as thin neutral lines, for maps that are about something else."""
+    width = min(0.7, _line_width_pt(axes, route))
     for leg in route.swaths:
-        axes.plot(*leg.xy.T, color="#000000", linewidth=0.7, alpha=0.55, zorder=3.5)
+        axes.plot(*leg.xy.T, color="#000000", linewidth=width, alpha=0.55, zorder=3.5)
+
+
+_COVERED_SHARE = 0.15
+
+
+def _line_width_pt(axes: Axes, route: Route) -> float:
+    """Return the width at which the swaths cover 15 % of the area that they span; what lies below stays visible."""
+    width_in = axes.bbox.width / axes.figure.dpi
+    points_per_m = 72.0 * width_in / float(np.ptp(axes.get_xlim()))
+    hull = MultiPoint(np.vstack([leg.xy for leg in route.swaths])).convex_hull
+    length_m = sum(float(np.hypot(*np.diff(leg.xy, axis=0).T).sum()) for leg in route.swaths)
+    # A single line spans no area; it is as wide as the widest.
+    spacing_m = hull.area / max(length_m, 1e-9) or math.inf
+    return max(_COVERED_SHARE * spacing_m * points_per_m, 0.1)
+
+
+_WIDEST_PT = 2.0
 
 
 def draw_route(axes: Axes, route: Route) -> list[Line2D]:
     """Draw swaths with numbers and arrows, transits dashed, one colour for each rover; return legend entries."""
     handles = []
+    width = min(_WIDEST_PT, _line_width_pt(axes, route))
     for rover in range(route.n_rovers):
         colour = ROVERS[rover % len(ROVERS)]
-        swaths = [leg for leg in route.swaths if leg.rover == rover]
         for leg in route.legs:
             if leg.rover == rover:
-                _draw_leg(axes, leg, colour)
+                _draw_leg(axes, leg, colour, width)
+        swaths = [leg for leg in route.swaths if leg.rover == rover]
         _number_swaths(axes, swaths, colour)
-        _mark_ends(axes, route.path(rover), colour)
+        _mark_ends(axes, route.path(rover), colour, f"R{rover + 1}" if route.n_rovers > 1 else "")
         name = "Swaths" if route.n_rovers == 1 else f"Rover {rover + 1}, swaths"
         is_cut = route.n_rovers == 1 and route.n_lines < len(swaths)
         count = f"{route.n_lines} lines in {len(swaths)} pieces" if is_cut else f"{len(swaths)}"
@@ -92,29 +121,24 @@ def draw_route(axes: Axes, route: Route) -> list[Line2D]:
     colour = ROVERS[0] if route.n_rovers == 1 else MUTED
     if any(leg.kind == "transit" for leg in route.legs):
         handles.append(Line2D([], [], color=colour, linewidth=1.3, linestyle=(0, (3, 2)), label="Transit"))
-    for marker, label in (("^", "Start"), ("s", "End")):
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=colour,
-                marker=marker,
-                markeredgecolor="white",
-                markersize=7,
-                linestyle="none",
-                label=label,
-            )
-        )
-    return handles
+    look: dict[str, Any] = {"color": colour, "markeredgecolor": "white", "markersize": 7, "linestyle": "none"}
+    ends = [
+        Line2D([], [], marker=marker, label=label, **look) for marker, label in (("^", "Start"), ("s", "End"))
+    ]
+    return [*handles, *ends]
 
 
-def _draw_leg(axes: Axes, leg: Leg, colour: str) -> None:
+def _draw_leg(axes: Axes, leg: Leg, colour: str, width_pt: float) -> None:
+    casing = [patheffects.withStroke(linewidth=1.6 * width_pt, foreground="white")]
+    look: dict[str, Any] = {"color": colour, "path_effects": casing}
     if leg.kind == "transit":
-        axes.plot(
-            *leg.xy.T, color=colour, linewidth=1.3, linestyle=(0, (3, 2)), path_effects=_CASING, zorder=5
-        )
+        axes.plot(*leg.xy.T, linewidth=0.65 * width_pt, linestyle=(0, (3, 2)), zorder=5, **look)
         return
-    axes.plot(*leg.xy.T, color=colour, linewidth=2.0, path_effects=_CASING, zorder=5.2)
+    axes.plot(*leg.xy.T, linewidth=width_pt, zorder=5.2, **look)
+
+
+def _draw_arrow(axes: Axes, leg: Leg, colour: str) -> None:
+    """Draw the direction in the middle of a swath."""
     # The arrow's head follows the straight line over a twentieth of the swath, so that windings do not turn it.
     tail, head = along(leg.xy, 0.48), along(leg.xy, 0.53)
     axes.annotate(
@@ -145,18 +169,29 @@ def along(xy: FloatArray, shares: npt.ArrayLike) -> FloatArray:
 
 
 def _number_swaths(axes: Axes, swaths: list[Leg], colour: str) -> None:
-    """Write the swaths' numbers in driving order, at most a dozen of them."""
+    """Write the swaths' numbers in driving order with arrows, at most a dozen of them."""
     every = math.ceil(len(swaths) / 12)
     box = {"boxstyle": "circle,pad=0.22", "facecolor": "white", "edgecolor": colour, "linewidth": 1.0}
     for number, leg in enumerate(swaths, start=1):
         if (number - 1) % every == 0:
+            _draw_arrow(axes, leg, colour)
             place = along(leg.xy, 0.2)
             axes.text(
-                place[0], place[1], str(number), ha="center", va="center", fontsize=7.5, bbox=box, zorder=6
+                place[0], place[1], str(number), ha="center", va="center", fontsize=8, bbox=box, zorder=6
             )
 
 
-def _mark_ends(axes: Axes, path: FloatArray, colour: str) -> None:
+def _mark_ends(axes: Axes, path: FloatArray, colour: str, name: str) -> None:
+    """Mark start and end of a path; the name at the start tells rovers apart without colour."""
+    axes.annotate(
+        name,
+        (path[0, 0], path[0, 1]),
+        xytext=(5.0, 5.0),
+        textcoords="offset points",
+        fontweight="bold",
+        path_effects=_HALO,
+        zorder=7,
+    )
     for marker, place in (("^", path[0]), ("s", path[-1])):
         axes.plot(
             place[0],
@@ -266,7 +301,8 @@ def elevation_limits(*dems: Dem) -> Normalize:
 def draw_contours(axes: Axes, dem: Dem, *, within: SurveyArea | None = None) -> list[Line2D]:
     """Draw about a dozen contours, every fifth one strong and labelled; return legend entries.
 
-    With `within` the dozen is that of the area; steep ground beside it has up to `_MOST_CONTOURS`.
+    With `within` the dozen is that of the area, where the labels stand; steep ground beside it has up to
+    `_MOST_CONTOURS`.
     """
     dem = decimate(dem)
     if dem.relief_m < 1e-6:
@@ -289,7 +325,55 @@ def draw_contours(axes: Axes, dem: Dem, *, within: SurveyArea | None = None) -> 
     )
     decimals = max(0, -math.floor(math.log10(interval)))
     strong = (steps[steps % 5 == 0] if (steps % 5 == 0).any() else steps[[len(steps) // 2]]) * interval
-    labels = axes.clabel(lines, levels=strong, fontsize=7, fmt=lambda level: f"{level:.{decimals}f}")
+    places = {} if within is None else _label_places(lines, within, strong.tolist())
+    strong = list(places) or strong
+    labels = axes.clabel(
+        lines,
+        levels=strong,
+        fontsize=8,
+        fmt=lambda level: f"{level:.{decimals}f}",
+        manual=list(places.values()) if places else False,
+    )
     for label in labels:
-        label.set_path_effects([patheffects.withStroke(linewidth=2.0, foreground="white")])
+        label.set(path_effects=_HALO, alpha=1.0)
     return [Line2D([], [], color=INK, linewidth=0.6, alpha=0.7, label=f"Contours, {interval:g} m")]
+
+
+_MOST_LABELS = 6
+
+
+def _label_places(
+    lines: ContourSet, area: SurveyArea, strong: Collection[float]
+) -> dict[float, tuple[float, float]]:
+    """Return places in the area for labels of the strong levels, or else of a few: the middle of a contour's longest run."""
+    found: dict[float, tuple[float, float]] = {}
+    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+        parts = [np.asarray(part, float) for part in path.to_polygons(closed_only=False)]
+        contour = [LineString(part) for part in parts if len(part) > 1]
+        inside = get_parts(intersection(MultiLineString(contour), area.polygon))
+        longest = max(inside, key=lambda piece: piece.length, default=None)
+        if longest is not None and longest.length > 0.0:
+            middle = longest.interpolate(0.5, normalized=True)
+            found[float(level)] = middle.x, middle.y
+    chosen = {level: place for level, place in found.items() if level in strong}
+    every = max(math.ceil(len(found) / _MOST_LABELS), 1)
+    return chosen or dict(list(found.items())[every // 2 :: every])
+
+
+_MOST_SIGNS = 24
+_MARKED_SHARE = 0.25
+
+
+def mark_signs(axes: Axes, values: FloatArray, dem: Dem, limits: Normalize) -> None:
+    """Write + and − where blocks of signed values are clearly off zero: in grey, both ends of the colours look alike."""
+    n = math.ceil(max(dem.shape) / _MOST_SIGNS)
+    rows, columns = (size // n * n for size in dem.shape)
+    blocks = values[:rows, :columns].reshape(rows // n, n, columns // n, n)
+    x = dem.x[:columns].reshape(-1, n).mean(axis=1)
+    y = dem.y[:rows].reshape(-1, n).mean(axis=1)
+    mean = np.where(np.isfinite(blocks), blocks, 0.0).mean(axis=(1, 3))
+    for sign, marker in ((1.0, "+"), (-1.0, "_")):
+        row, column = np.nonzero(sign * mean > _MARKED_SHARE * float(limits.vmax or 0.0))
+        if len(row):
+            look: dict[str, Any] = {"markersize": 3.0, "markeredgewidth": 0.5, "alpha": 0.7, "zorder": 1.4}
+            axes.plot(x[column], y[row], marker, color=INK, **look)

@@ -5,7 +5,6 @@ upper bound, a field of the payload or a probability, the density of landmarks, 
 surveys. Maps of errors stand in `survey.figures.errors`, those of a planned route in `survey.figures.plans`.
 """
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -23,7 +22,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.figures.layout import add_colour_bar, draw_scale_and_north, grouped, map_figure, view
+from survey.figures.layout import add_colour_bar, add_legend, grouped, label_maps, map_figure, view
 from survey.figures.map_layers import (
     decimate,
     draw_area,
@@ -33,6 +32,7 @@ from survey.figures.map_layers import (
     draw_route_lines,
     draw_shaded_elevation,
     elevation_limits,
+    mark_signs,
     outline_path,
     relief_exaggeration,
 )
@@ -51,12 +51,12 @@ from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDE
 from survey.scoring.differencing.volume_change import Change
 
 SUPPORT = {
-    UNSEEN: ("Unseen", "#dcdcdc"),
+    UNSEEN: ("Unseen", "#efefef"),
     INTERPOLATED: ("Interpolated", "#a6cee3"),
-    RAY_BOUNDED: ("Ray-bounded", "#e6ab02"),
-    MEASURED: ("Measured", "#1f5f8b"),
+    RAY_BOUNDED: ("Ray-bounded", "#c98500"),
+    MEASURED: ("Measured", "#17486b"),
 }
-"""Name and colour of each category of support."""
+"""Name and colour of each category of support; the better supported, the darker, also in grey."""
 
 
 @styled
@@ -93,20 +93,18 @@ def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | N
     if area is not None:
         area.require_crs(terrain.crs, "the terrain")
     bounds = view(terrain, area)
-    drawing = map_figure(FULL_IN, bounds, legend=True)
+    drawing = map_figure(FULL_IN, bounds)
     axes = drawing.maps[0]
     limits = elevation_limits(terrain)
     image = draw_shaded_elevation(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
-    handles: list[Artist] = [*draw_contours(axes, terrain)]
+    handles: list[Artist] = [*draw_contours(axes, terrain, within=area)]
     if area is not None:
         handles += draw_area(axes, area)
     if route is not None:
         handles += draw_route(axes, route)
     add_colour_bar(image, drawing, "Elevation [m]")
-    draw_scale_and_north(drawing, crs=terrain.crs)
-    axes.set_title("Survey map")
-    columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
-    drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)
+    label_maps(drawing, "Survey map", crs=terrain.crs)
+    add_legend(drawing, handles)
     return drawing.figure
 
 
@@ -148,18 +146,22 @@ def terrain_comparison(
     shown = [crop(dem, bounds) for dem in surfaces.values()]
     limits = elevation_limits(*shown)
     exaggeration = relief_exaggeration(reconstruction.mean)
-    for axes, name, dem in zip(drawing.maps, surfaces, shown, strict=True):
+    for axes, dem in zip(drawing.maps, shown, strict=True):
         image = draw_shaded_elevation(axes, dem, limits, exaggeration=exaggeration)
         if area is not None:
             draw_area(axes, area)
-        axes.set_title(name)
     add_colour_bar(image, drawing, "Elevation [m]")
+    label_maps(drawing, *surfaces, crs=reconstruction.mean.crs)
     return drawing.figure
 
 
 @styled
 def deviation_map(
-    reconstruction: Reconstruction, *, area: SurveyArea | None = None, route: Route | None = None
+    reconstruction: Reconstruction,
+    *,
+    area: SurveyArea | None = None,
+    route: Route | None = None,
+    width_in: float = HALF_IN,
 ) -> Figure:
     """Draw the standard deviation of a reconstruction.
 
@@ -168,6 +170,7 @@ def deviation_map(
     $reconstruction
     $area_shown
     $swaths
+    $width
 
     $half_page
 
@@ -178,7 +181,7 @@ def deviation_map(
     'Easting [m]'
     """
     std = reconstruction.std
-    drawing = map_figure(HALF_IN, view(std, area))
+    drawing = map_figure(width_in, view(std, area))
     axes = drawing.maps[0]
     values = np.array(std.elevation)
     if area is not None:
@@ -189,13 +192,17 @@ def deviation_map(
     draw_outline_and_route(axes, area, route)
     extend = "max" if (stated > top).any() else "neither"
     add_colour_bar(image, drawing, "Standard deviation [m]", extend=extend)
-    axes.set_title("Claimed uncertainty (1 σ)")
+    label_maps(drawing, "Claimed uncertainty (1 σ)", crs=std.crs)
     return drawing.figure
 
 
 @styled
 def support_map(
-    reconstruction: Reconstruction, *, area: SurveyArea | None = None, route: Route | None = None
+    reconstruction: Reconstruction,
+    *,
+    area: SurveyArea | None = None,
+    route: Route | None = None,
+    width_in: float = HALF_IN,
 ) -> Figure:
     """Draw the support of each node: measured, bounded by a line of sight, interpolated, unseen.
 
@@ -205,6 +212,7 @@ def support_map(
     area : SurveyArea, optional
         Its outline is drawn; the shares in the legend then count nodes inside it.
     $swaths
+    $width
 
     $half_page
 
@@ -215,7 +223,7 @@ def support_map(
     'Easting [m]'
     """
     dem = reconstruction.mean
-    drawing = map_figure(HALF_IN, view(dem, area))
+    drawing = map_figure(width_in, view(dem, area))
     axes = drawing.maps[0]
     codes = np.array(reconstruction.support, dtype=np.float64)
     colours = ListedColormap([colour for _, colour in SUPPORT.values()])
@@ -224,9 +232,9 @@ def support_map(
     counted = codes.ravel() if area is None else codes.ravel()[area.contains(dem.xy)]
     add_colour_bar(image, drawing, "")
     shares = [f"{name}\n{np.mean(counted == code):.0%}" for code, (name, _) in SUPPORT.items()]
-    drawing.bar.set_yticks(list(SUPPORT), shares, fontsize=7)
+    drawing.bar.set_yticks(list(SUPPORT), shares)
     drawing.bar.tick_params(length=0)
-    axes.set_title("Support")
+    label_maps(drawing, "Support", crs=dem.crs)
     return drawing.figure
 
 
@@ -246,8 +254,10 @@ def crop(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
 
 
 @styled
-def width_map(reconstruction: Reconstruction) -> Figure:
+def width_map(reconstruction: Reconstruction, *, width_in: float = HALF_IN) -> Figure:
     """Draw the distance between the lower and the upper bound of the elevation.
+
+    `width_in`: width of the figure [in].
 
     >>> from survey.data.dem import Dem
     >>> from survey.data.grid import Grid
@@ -258,14 +268,14 @@ def width_map(reconstruction: Reconstruction) -> Figure:
     """
     lower, upper = reconstruction.interval()
     width = np.where(reconstruction.support == UNSEEN, np.nan, upper.elevation - lower.elevation)
-    drawing = map_figure(HALF_IN, view(reconstruction.mean, None))
+    drawing = map_figure(width_in, view(reconstruction.mean, None))
     stated = width[np.isfinite(width)]
     top = float(np.percentile(stated, 99.0)) if stated.size else 1.0
     image = draw_raster(
         drawing.maps[0], width, reconstruction.mean, DEVIATION, Normalize(0.0, max(top, 1e-9))
     )
     add_colour_bar(image, drawing, "Upper - lower [m]", extend="max" if (stated > top).any() else "neither")
-    drawing.maps[0].set_title("Between the bounds")
+    label_maps(drawing, "Between the bounds", crs=reconstruction.mean.crs)
     return drawing.figure
 
 
@@ -310,7 +320,7 @@ def _field_map(
     draw_area(drawing.maps[0], place[0])
     draw_route_lines(drawing.maps[0], place[1])
     add_colour_bar(image, drawing, words[1])
-    drawing.maps[0].set_title(words[0])
+    label_maps(drawing, words[0], crs=dem.crs)
     return drawing.figure
 
 
@@ -361,13 +371,15 @@ def landmark_map(
     top = float(np.percentile(counts[counts > 0], 98.0)) if counts.any() else 1.0
     shown = np.where(counts > 0, counts, np.nan)
     image = axes.pcolormesh(east, north, shown, cmap=DENSITY, norm=Normalize(0.0, top), zorder=1)
-    axes.plot(*points.xy.T, ".", color=INK, alpha=0.5, markersize=1.2, markeredgewidth=0, zorder=2)
+    axes.plot(
+        *points.xy.T, ".", color=INK, alpha=0.5, markersize=1.2, markeredgewidth=0, zorder=2, rasterized=True
+    )
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
     draw_outline_and_route(axes, area, route)
     add_colour_bar(
         image, drawing, f"Points per {cell:g} m square", extend="max" if counts.max() > top else "neither"
     )
-    axes.set_title(f"{name} ({grouped(len(points))})")
+    label_maps(drawing, f"{name} ({grouped(len(points))})", crs=points.crs)
     return drawing.figure
 
 
@@ -389,9 +401,11 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
     difference = decimate(change.difference)
     step = round(difference.step_m / change.difference.step_m)
     doubtful = np.asarray(change.significant)[::step, ::step] == 0
-    drawing = map_figure(FULL_IN, view(change.difference, None), legend=True)
+    drawing = map_figure(FULL_IN, view(change.difference, None))
     axes = drawing.maps[0]
-    image = draw_raster(axes, difference.elevation, difference, ERROR, symmetric_limits(difference.elevation))
+    limits = symmetric_limits(difference.elevation)
+    image = draw_raster(axes, difference.elevation, difference, ERROR, limits)
+    mark_signs(axes, np.where(doubtful, 0.0, difference.elevation), difference, limits)
     veil = np.zeros((*difference.shape, 4))
     veil[...] = (1.0, 1.0, 1.0, 0.0)
     veil[..., 3] = np.where(doubtful & np.isfinite(difference.elevation), 0.65, 0.0)
@@ -401,11 +415,10 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
     for shape in outlines.values():
         axes.add_patch(PathPatch(outline_path(shape), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
     add_colour_bar(image, drawing, "Change of height [m]", extend="both")
-    draw_scale_and_north(drawing, crs=change.difference.crs)
-    axes.set_title("Later \u2212 earlier")
+    label_maps(drawing, "Later \u2212 earlier", crs=change.difference.crs)
     handles = [
         Line2D([], [], color=INK, linewidth=1.3, label="Outline"),
         Patch(facecolor="white", edgecolor=VEIL, label="Pale: not significant at 95 %"),
     ]
-    drawing.figure.legend(handles=handles, loc="lower center", ncols=2)
+    add_legend(drawing, handles)
     return drawing.figure

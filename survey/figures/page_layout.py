@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from survey.core.arrays import Bounds
+from survey.core.text import printable
 from survey.figures.layout import grouped
 from survey.figures.style import INK, MUTED, VEIL, styled
 
@@ -153,7 +154,7 @@ class Page:
         align: str = "left",
     ) -> None:
         self.figure.text(
-            left_in / WIDTH_IN, bottom_in / HEIGHT_IN, text, fontsize=size, weight=weight, color=colour, ha=align
+            left_in / WIDTH_IN, bottom_in / HEIGHT_IN, printable(text), fontsize=size, weight=weight, color=colour, ha=align
         )  # fmt: skip
 
 

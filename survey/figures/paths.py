@@ -11,12 +11,21 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from pyproj import CRS
 
 from survey.core import BoolArray, FloatArray, IntArray, round_number, same_crs
 from survey.data.area import SurveyArea
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
-from survey.figures.layout import MapFigure, add_colour_bar, draw_scale_and_north, grouped, map_figure, widen
+from survey.figures.layout import (
+    MapFigure,
+    add_colour_bar,
+    add_legend,
+    grouped,
+    label_maps,
+    map_figure,
+    widen,
+)
 from survey.figures.map_layers import draw_area
 from survey.figures.style import CLAIM, DEVIATION, ESTIMATE, FULL_IN, INK, MUTED, NO_GO, REFERENCE, styled
 
@@ -35,6 +44,7 @@ def path_map(
     fixes: FloatArray | None = None,
     reference: FloatArray | None = None,
     is_lost: BoolArray | None = None,
+    crs: CRS | None = None,
     in_the_world: bool = True,
 ) -> Figure:
     """Draw the estimated path with its 1σ ellipses over the landmarks.
@@ -58,6 +68,8 @@ def path_map(
         Where the rover was.
     is_lost : (N,) ndarray of bool, optional
         Where the path is not reliable.
+    crs : pyproj.CRS, optional
+        CRS of the path.
     in_the_world : bool
         False for a path that counts from its own start: the axes say so.
 
@@ -70,20 +82,18 @@ def path_map(
     'Easting [m]'
     """
     shown = [line[:, :2] for line in (position, fixes, reference) if line is not None]
-    drawing = map_figure(FULL_IN, _bounds(np.vstack(shown)), legend=True)
+    drawing = map_figure(FULL_IN, _bounds(np.vstack(shown)))
     axes = drawing.maps[0]
     _draw_landmarks(drawing, landmarks, landmark_sigma_m)
     handles = _draw_lines(axes, position, fixes, reference, is_lost)
     if covariance is not None:
         handles.append(_draw_ellipses(axes, position, covariance))
     handles += axes.plot(*position[0, :2], "o", color=INK, markersize=5, label="Start")
-    draw_scale_and_north(drawing, north=in_the_world)
-    axes.set_title(
-        "Estimated path" if landmarks is None else f"Estimated path and {grouped(len(landmarks))} landmarks"
-    )
+    seen = "" if landmarks is None else f" and {grouped(len(landmarks))} landmarks"
+    label_maps(drawing, f"Estimated path{seen}", crs=crs, north=in_the_world)
     if not in_the_world:
         axes.set(xlabel="Forward at the start [m]", ylabel="Left at the start [m]")
-    drawing.figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+    add_legend(drawing, handles)
     return drawing.figure
 
 
@@ -97,7 +107,7 @@ def _draw_landmarks(drawing: MapFigure, landmarks: FloatArray | None, sigma_m: F
     limits = Normalize(0.0, max(float(np.percentile(sigma, 98.0)), 1e-6))
     x, y, _ = landmarks[::every].T
     dots = drawing.maps[0].scatter(
-        x, y, c=sigma[::every], s=3.0, linewidths=0, cmap=DEVIATION, norm=limits, zorder=1
+        x, y, c=sigma[::every], s=3.0, linewidths=0, cmap=DEVIATION, norm=limits, zorder=1, rasterized=True
     )
     add_colour_bar(dots, drawing, "σ of a landmark's elevation [m]", extend="max")
 
@@ -338,7 +348,7 @@ def executed_route(
     low, high = np.vstack(lines).min(axis=0), np.vstack(lines).max(axis=0)
     margin = 0.05 * max(float((high - low).max()), 1.0)
     (west, south), (east, north) = (low - margin).tolist(), (high + margin).tolist()
-    drawing = map_figure(FULL_IN, widen((west, south, east, north)), legend=True)
+    drawing = map_figure(FULL_IN, widen((west, south, east, north)))
     drawing.bar.set_visible(False)
     axes = drawing.maps[0]
     handles: list[Line2D] = []
@@ -347,9 +357,8 @@ def executed_route(
     handles += axes.plot(*planned.T, color=MUTED, linewidth=4.0, alpha=0.45, label="Planned")
     handles += _draw_both(axes, driven[:, :2], None if estimated is None else estimated[:, :2])
     handles += axes.plot(*driven[0, :2], "o", color=INK, markersize=5, label="Start")
-    draw_scale_and_north(drawing, crs=route.crs)
-    axes.set_title("Driven against planned path")
-    drawing.figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+    label_maps(drawing, "Driven against planned path", crs=route.crs)
+    add_legend(drawing, handles)
     return drawing.figure
 
 
@@ -385,7 +394,9 @@ def _draw_both(axes: Axes, driven: FloatArray, estimated: FloatArray | None) -> 
     """Draw the driven line over the estimated one (N, 2); return the handles of the legend."""
     drawn: list[Line2D] = []
     if estimated is not None:
-        drawn += axes.plot(*estimated.T, color=CLAIM, linewidth=0.9, label="Estimated on board")
+        drawn += axes.plot(
+            *estimated.T, color=CLAIM, linewidth=0.9, dashes=(4, 2), label="Estimated on board"
+        )
     return drawn + axes.plot(*driven.T, color=ESTIMATE, linewidth=1.4, label="Driven")
 
 

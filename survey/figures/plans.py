@@ -27,7 +27,15 @@ from survey.core.transformation import WGS84, transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
-from survey.figures.layout import MapFigure, add_colour_bar, draw_scale_and_north, map_figure, widen
+from survey.figures.layout import (
+    MapFigure,
+    add_colour_bar,
+    add_legend,
+    draw_scale_and_north,
+    label_maps,
+    map_figure,
+    widen,
+)
 from survey.figures.map_layers import (
     decimate,
     draw_area,
@@ -89,7 +97,7 @@ def plan_map(
     """
     area.require_crs(route.crs, "the route")
     bounds = _extent(area)
-    drawing = map_figure(FULL_IN, bounds, legend=True)
+    drawing = map_figure(FULL_IN, bounds)
     axes = drawing.maps[0]
     handles: list[Artist] = []
     if terrain is not None:
@@ -107,10 +115,8 @@ def plan_map(
         add_colour_bar(image, drawing, "Elevation [m]")
     else:
         drawing.bar.set_axis_off()
-    draw_scale_and_north(drawing, crs=area.crs)
-    axes.set_title("Survey plan")
-    columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
-    drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)
+    label_maps(drawing, "Survey plan", crs=area.crs)
+    add_legend(drawing, handles)
     return drawing.figure
 
 
@@ -187,7 +193,8 @@ class PlanContent:
     CRS of the area. `efforts`: one for each rover. `swaths_text`: number of swaths, such as ``"6 lines in 10
     pieces"``. `time_s`: time until the last rover is done [s]. `terrain`: prior terrain. `std`: predicted
     standard deviation of the map [m]. `left_out`: pieces of the area where rovers cannot be, with the reason.
-    `assumptions`: what the numbers rest on, one sentence each.
+    `assumptions`: what the numbers rest on, one sentence each. `field_work`: days, person-days and cost; empty
+    without rates.
     """
 
     title: str
@@ -201,6 +208,7 @@ class PlanContent:
     std: Dem | None = None
     left_out: tuple[tuple[Polygon, str], ...] = ()
     assumptions: tuple[str, ...] = field(default_factory=tuple)
+    field_work: str = ""
 
 
 _ROVERS = (
@@ -263,6 +271,7 @@ def _overview(content: PlanContent) -> list[Page]:
             ("Scale of the map", f"1 : {scale:,}".replace(",", "\u2009")),
             ("CRS", f"{area.crs.name} ({_code(content)})"),
             ("Heights", _heights(content)),
+            *([("Field work", content.field_work)] if content.field_work else []),
         ]
     )
     page.heading("Rovers")

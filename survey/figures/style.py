@@ -1,8 +1,13 @@
-"""Style of all figures: colours, fonts, sizes, and rendering to PNG."""
+"""Style of all figures: colours, sizes, and rendering to PNG, PDF and SVG.
+
+Fonts, lines and the embedding of fonts stand in ``firnline.mplstyle``. `picture_bytes` and `write_pictures` render
+for every command that draws.
+"""
 
 import io
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Callable, Mapping
+from functools import cache, wraps
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib.style
@@ -12,8 +17,10 @@ from cmcrameri import cm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 from PIL.Image import Image, frombuffer
 
+from survey.core.files import PictureKind, replacing
 from survey.core.text import insert_paragraphs
 
 FULL_IN = 9.0
@@ -41,17 +48,7 @@ ERROR = cm.vik
 DEVIATION = ListedColormap(cm.lajolla_r(np.linspace(0.0, 0.85, 256)), name="deviation")
 DENSITY = cm.devon_r
 
-_SETTINGS: dict[str, Any] = {
-    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.0, "axes.titleweight": "bold",
-    "axes.titlelocation": "left", "axes.labelsize": 9.0, "axes.labelcolor": INK, "axes.edgecolor": MUTED,
-    "axes.linewidth": 0.7, "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
-    "axes.unicode_minus": True, "axes.formatter.useoffset": False, "text.color": INK, "xtick.color": MUTED,
-    "ytick.color": MUTED, "xtick.labelcolor": INK, "ytick.labelcolor": INK, "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0, "grid.color": "#d7dce0", "grid.linewidth": 0.6, "legend.fontsize": 8.0,
-    "legend.frameon": False, "lines.linewidth": 1.4, "lines.solid_capstyle": "round",
-    "hatch.linewidth": 0.8, "image.interpolation": "nearest", "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-}  # fmt: skip
+_STYLE = Path(__file__).with_name("firnline.mplstyle")
 
 _RETURNS = "Returns\n-------\nmatplotlib.figure.Figure\n    As wide as "
 _PARAGRAPHS = {
@@ -61,6 +58,7 @@ _PARAGRAPHS = {
     "area_counted": "area : SurveyArea, optional\n    Only nodes inside count.",
     "area_extent": "area : SurveyArea, optional\n    Its outline is drawn and sets the extent of the map.",
     "swaths": "route : Route, optional\n    Its swaths are drawn as thin lines.",
+    "width": "width_in : float\n    Width of the figure [in].",
     "half_page": f"{_RETURNS}half a page.",
     "page": f"{_RETURNS}a page.",
     "two_surfaces": """\
@@ -80,10 +78,29 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
 
     @wraps(insert_paragraphs(draw, _PARAGRAPHS))
     def under_style(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        with matplotlib.style.context(_SETTINGS, after_reset=True):
+        with matplotlib.style.context(_settings(), after_reset=True):
             return draw(*args, **kwargs)
 
     return under_style
+
+
+@cache
+def _settings() -> dict[str, Any]:
+    """Read the style once, and add to matplotlib's list of fonts those that it brings and its stored list lacks.
+
+    The stored list is incomplete where it was made while matplotlib was being installed.
+    """
+    for file in unlisted_fonts():
+        fontManager.addfont(file)
+    read: Any = matplotlib.rc_params_from_file(_STYLE, use_default_template=False)
+    return dict(read)
+
+
+def unlisted_fonts() -> list[Path]:
+    """Return the fonts that matplotlib brings and its list of fonts lacks."""
+    listed = {Path(font.fname).name for font in fontManager.ttflist}
+    brought = Path(matplotlib.get_data_path(), "fonts", "ttf").glob("*.ttf")
+    return sorted(file for file in brought if file.name not in listed)
 
 
 @styled
@@ -96,6 +113,29 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     buffer = io.BytesIO()
     _drawn(figure, dpi).save(buffer, "PNG", dpi=(dpi, dpi), compress_level=_COMPRESSION)
     return buffer.getvalue()
+
+
+@styled
+def picture_bytes(figure: Figure, kind: PictureKind = "png", dpi: int = DPI) -> bytes:
+    r"""Render a figure as PNG, PDF or SVG with its fonts embedded; the same figure gives the same bytes.
+
+    >>> picture_bytes(Figure((1.0, 1.0)), "pdf")[:4]
+    b'%PDF'
+    """
+    if kind == "png":
+        return png_bytes(figure, dpi)
+    buffer = io.BytesIO()
+    undated: dict[str, str | None] = {"Creator": "firnline"}
+    undated["CreationDate" if kind == "pdf" else "Date"] = None
+    figure.savefig(buffer, format=kind, dpi=SHARP_DPI, metadata=undated)
+    return buffer.getvalue()
+
+
+def write_pictures(folder: Path, figures: Mapping[str, Figure], kind: PictureKind = "png") -> None:
+    """Write figures into a folder, each under its name with the ending of the format."""
+    for name, figure in figures.items():
+        with replacing(folder / f"{name}.{kind}") as draft:
+            draft.write_bytes(picture_bytes(figure, kind))
 
 
 @styled

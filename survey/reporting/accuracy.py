@@ -32,6 +32,7 @@ from survey.scoring.class_scores import ClassScore
 from survey.scoring.standards.assessment import Assessment, CheckpointScore
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors
 from survey.scoring.standards.checkpoints import LEAST_SHARE, LEAST_SPACING
+from survey.scoring.standards.map_classes import edition_2_sentence
 
 NSSDA = "FGDC (1998): Geospatial Positioning Accuracy Standards, Part 3: National Standard for Spatial Data Accuracy. FGDC-STD-007.3-1998."
 ASPRS_2014 = "ASPRS (2014): Positional Accuracy Standards for Digital Geospatial Data, Edition 1, Version 1.0. Photogrammetric Engineering & Remote Sensing 81(3), A1–A26."
@@ -312,6 +313,7 @@ def reference_report(
         *distribution_figures(known, score.elevation),
     )
     grouped = tuple(class_table(name, rows) for name, rows in (classes or {}).items())
+    found = edition_2_sentence(score.elevation.rmse_m, score.covered_share)
     sections = [
         Chapter("What was compared", tables=(_reference_inputs(setting, surveyed.mean, score),)),
         Chapter(
@@ -319,8 +321,8 @@ def reference_report(
         ),
         Chapter("Figures", figures=figures),
         *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
-        Chapter("Classes of the RMSE", paragraphs=(_NO_STATEMENT, score.verdicts[0].note), tables=(_classes(score),)),
-        methods_section([HOEHLE]),
+        Chapter("Class of the RMSE", paragraphs=(f"{found}.", _NO_STATEMENT)),
+        methods_section([ASPRS_EDITION_2, HOEHLE]),
     ]  # fmt: skip
     return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)
 
@@ -354,21 +356,6 @@ def _reference_facts(score: Score) -> dict[str, str]:
         facts["Errors within 1.96 σ"] = f"{percent(score.calibration.coverage_95)} (95 % where σ is right)"
         facts["RMS of error / σ"] = number(score.calibration.z_rms, decimals=2)
     return facts
-
-
-def _classes(score: Score) -> Table:
-    rows = tuple(
-        (
-            it.map_class,
-            "met" if it.met else "not met",
-            f"{it.interval_m:.4f}",
-            f"{it.limit_m:.4f}",
-            number(it.rmse_m),
-        )
-        for it in score.verdicts
-    )
-    headings = ("Class", "Verdict", "Contour interval [m]", "Limit [m]", "RMSE [m]")
-    return Table("classes", f"RMSE of the surface beside {score.verdicts[0].standard}", headings, rows, 2)
 
 
 def change_report(

@@ -16,12 +16,13 @@ from typing import NamedTuple
 import matplotlib.image
 from matplotlib.figure import Figure
 
-from survey.core import ConfigError, FloatArray, replacing
+from survey.core import ConfigError, FloatArray, PictureKind, replacing
 from survey.core.replacement import replacing_folder
 from survey.core.text import csv_cell
+from survey.figures.layout import is_wide
 from survey.figures.page_layout import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page, pdf_bytes
 from survey.figures.style import MUTED, styled
-from survey.reporting.rendering import Picture, picture_of, render
+from survey.reporting.rendering import Picture, PictureForm, picture_of, render
 
 
 class Statement(NamedTuple):
@@ -64,7 +65,7 @@ class DrawnFigure(NamedTuple):
     @property
     def is_wide(self) -> bool:
         """Whether it takes the width of a page."""
-        return bool(self.figure.get_figwidth() > 6.0)
+        return is_wide(self.figure)
 
 
 @dataclass(frozen=True)
@@ -123,26 +124,30 @@ def check_target(target: str | Path) -> Path:
     return path
 
 
-def write_document(target: str | Path, document: Document) -> Path:
-    """Write a document; the ending of the target chooses the form. Equal documents give equal bytes."""
+def write_document(target: str | Path, document: Document, kind: PictureKind = "png") -> Path:
+    """Write a document; the ending of the target chooses the form. Equal documents give equal bytes.
+
+    `kind`: format of the figures beside or within a page.
+    """
     path = check_target(target)
     if not path.suffix:
-        return _write_folder(path, document)
+        return _write_folder(path, document, kind)
     with replacing(path) as draft:
         if path.suffix.lower() == ".pdf":
             draft.write_bytes(_pdf(document))
         else:
-            draft.write_text(html_page(document), encoding="utf-8")
+            draft.write_text(html_page(document, kind), encoding="utf-8")
     return path
 
 
-def html_page(document: Document) -> str:
+def html_page(document: Document, kind: PictureKind = "png") -> str:
     """Return the HTML page, which holds its downloads."""
-    return _page(document, _pictures(document), is_alone=True)
+    return _page(document, _pictures(document, kind), is_alone=True)
 
 
-def _pictures(document: Document) -> dict[str, Picture]:
-    return {it.name: picture_of(it.figure, it.alt, it.caption) for it in document.figures}
+def _pictures(document: Document, kind: PictureKind) -> dict[str, Picture]:
+    form = PictureForm(kind)
+    return {it.name: picture_of(it.figure, it.alt, it.caption, form) for it in document.figures}
 
 
 def _page(document: Document, pictures: dict[str, Picture], *, is_alone: bool) -> str:
@@ -151,18 +156,21 @@ def _page(document: Document, pictures: dict[str, Picture], *, is_alone: bool) -
     links = (
         {**{name: it.file_source for name, it in pictures.items()}, **tables}
         if is_alone
-        else {**{name: f"figures/{name}.png" for name in pictures}, **{n: f"tables/{n}.csv" for n in tables}}
+        else {
+            **{name: f"figures/{name}.{it.kind}" for name, it in pictures.items()},
+            **{n: f"tables/{n}.csv" for n in tables},
+        }
     )
     return render("document.html.j2", document=document, pictures=pictures, links=links)
 
 
-def _write_folder(folder: Path, document: Document) -> Path:
-    pictures = _pictures(document)
+def _write_folder(folder: Path, document: Document, kind: PictureKind) -> Path:
+    pictures = _pictures(document, kind)
     with replacing_folder(folder, own=OUTPUTS) as draft:
         for place in ("figures", "tables"):
             (draft / place).mkdir()
         for name, picture in pictures.items():
-            (draft / "figures" / f"{name}.png").write_bytes(picture.image)
+            (draft / "figures" / f"{name}.{kind}").write_bytes(picture.image)
         for table in document.tables:
             (draft / "tables" / f"{table.name}.csv").write_text(table.csv, encoding="utf-8", newline="\n")
         (draft / "index.html").write_text(_page(document, pictures, is_alone=False), encoding="utf-8")
@@ -181,7 +189,7 @@ def _table_source(text: str) -> str:
 _ROOM_IN = WIDTH_IN - LEFT_IN - RIGHT_IN
 _GAP_IN = 0.2
 _DPI = 220
-_TALLEST_IN = 4.6
+_TALLEST_IN = 6.4
 # Letters of the tables' size per inch, with some room.
 _LETTERS_PER_INCH = 15.0
 

@@ -9,8 +9,10 @@ Equal input gives equal bytes.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from survey import figures
 from survey.core import FloatArray, InputError, write_bytes
@@ -22,17 +24,16 @@ from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plo
 from survey.figures.paths import deviation_from_route, error_over_distance
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.reporting.quantities import TableRow, named_values, number, percent, setting
-from survey.reporting.rendering import Picture, animation_of, picture_of, render
+from survey.reporting.rendering import PNG, Picture, PictureForm, animation_of, picture_of, render
 from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
-    OnBoard,
     PayloadResults,
     RoverDrive,
     SurveyResults,
 )
 from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
-from survey.scoring.standards.map_classes import Verdict, judge, own_claim
+from survey.scoring.standards.map_classes import Verdict, edition_2_sentence, judge, own_claim
 
 
 def write_report(
@@ -43,18 +44,21 @@ def write_report(
     localization: Mapping[str, float | None] | None = None,
     config_text: str = "",
     provenance: Mapping[str, str] | None = None,
+    form: PictureForm = PNG,
+    field_work: str = "",
 ) -> Path:
-    """Write ``index.html`` and ``figures/*.png`` into a folder.
+    """Write ``index.html`` and its figures, in ``figures``, into a folder.
 
     The page loads nothing: figures are inside it as WebP, and there are no scripts. Links download tables from the
     page itself, and figures from the folder beside it. Equal input gives equal bytes; the page states no date.
+    `field_work`: days, person-days and cost, where rates are known.
 
     Returns: of ``index.html``.
     """
     place = Path(folder)
     if not place.parent.is_dir():
         raise InputError(f"the report folder {place} has no parent folder; create {place.parent} first.")
-    pictures = draw_pictures(survey)
+    pictures = draw_pictures(survey, form)
     page = render(
         "report.html.j2",
         title=title,
@@ -66,12 +70,12 @@ def write_report(
         losses=named_values({} if survey.fleet is None else survey.fleet.losses),
         config_text=config_text,
         provenance=dict(provenance or {}),
-        **_template_values(survey),
+        **_template_values(survey, field_work),
     )
     return _write(place, page, pictures)
 
 
-def _template_values(survey: SurveyResults) -> dict[str, object]:
+def _template_values(survey: SurveyResults, field_work: str) -> dict[str, object]:
     """Return the content about map and score, by the names of the template."""
     score, route, reconstruction = survey.score, survey.route, survey.reconstruction
     datum = reconstruction.mean.vertical_datum or "an unstated datum"
@@ -82,7 +86,10 @@ def _template_values(survey: SurveyResults) -> dict[str, object]:
         "conditions": conditions(score),
         "classes": classes_by_standard(score),
         "classes_as_rows": _class_rows(score),
-        "key_numbers": key_numbers(score, route),
+        "key_numbers": [
+            *key_numbers(score, route),
+            *([TableRow("Field work", field_work, "by the rates that were named")] if field_work else []),
+        ],
         "calibration_sentence": calibration_sentence(score.calibration),
         "own_claim": [sentence[0].upper() + sentence[1:] for sentence in own_claim(reconstruction)],
         "scores": score_rows(score),
@@ -122,11 +129,29 @@ def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:
 _OF_EACH_ROVER = ("path", "path_error")
 
 
-def draw_pictures(survey: SurveyResults) -> dict[str, Picture]:
+class Drawing(NamedTuple):
+    """Figure with its alternative text and caption."""
+
+    figure: Figure
+    alt: str
+    caption: str
+
+
+def draw_pictures(survey: SurveyResults, form: PictureForm = PNG) -> dict[str, Picture]:
     """Draw the pictures of a survey, by their names."""
+    pictures = {name: picture_of(*drawing, form) for name, drawing in _drawings(survey).items()}
+    if survey.on_board is not None and survey.on_board.video is not None:
+        alt = "Images of the drive, one after the other"
+        pictures["video"] = animation_of(
+            survey.on_board.video, alt, "Images of the camera, from start to end."
+        )
+    return pictures
+
+
+def _drawings(survey: SurveyResults) -> dict[str, Drawing]:
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if survey.reconstruction.check is not None:
-        pictures["held_out"] = picture_of(
+        pictures["held_out"] = Drawing(
             held_out_plot(survey.reconstruction.check),
             "Quantiles of points that were left out, and the factor on the standard deviation",
             "Points that were left out, in tenths of their predictive distribution (10 % each when the standard "
@@ -141,15 +166,20 @@ def draw_pictures(survey: SurveyResults) -> dict[str, Picture]:
     if survey.hazard is not None:
         pictures["hazard"] = _hazard_picture(survey, survey.hazard)
     if survey.on_board is not None:
-        pictures |= _camera_pictures(survey.on_board)
+        if survey.on_board.tracks is not None:
+            pictures["tracks"] = Drawing(
+                survey.on_board.tracks,
+                "Images of the drive with tracked corners, before and after CLAHE",
+                "Tracked corners: left in the raw images, right after contrast enhancement (CLAHE).",
+            )
         if survey.on_board.estimated is not None and survey.reference_trajectory is not None:
             pictures |= _drive_pictures(survey, survey.reference_trajectory, survey.on_board.estimated)
     return pictures
 
 
-def _fleet_pictures(fleet: FleetResults) -> dict[str, Picture]:
+def _fleet_pictures(fleet: FleetResults) -> dict[str, Drawing]:
     """Draw the path of each rover and its error."""
-    pictures: dict[str, Picture] = {}
+    pictures: dict[str, Drawing] = {}
     for k, rover in enumerate(fleet.rovers, 1):
         drawn = _path_pictures(rover.trajectory, rover.reference_trajectory, None)
         pictures |= {
@@ -159,17 +189,17 @@ def _fleet_pictures(fleet: FleetResults) -> dict[str, Picture]:
     return pictures
 
 
-def _payload_pictures(survey: SurveyResults, one: PayloadResults) -> dict[str, Picture]:
+def _payload_pictures(survey: SurveyResults, one: PayloadResults) -> dict[str, Drawing]:
     """Draw the map of a quantity of the payload, and its standard deviation."""
     label, name = one.quantity.label, f"payload_{one.quantity.name}"
     area, route = survey.area, survey.route
     return {
-        name: picture_of(
+        name: Drawing(
             quantity_plot(one.mapped.mean, label, area=area, route=route),
             f"Map of {label}",
             f"{label}, mapped from readings along the route.",
         ),
-        f"{name}_std": picture_of(
+        f"{name}_std": Drawing(
             uncertainty_plot(one.mapped.std, label, area=area, route=route),
             f"Map of the standard deviation of {label}",
             f"Standard deviation of {label}.",
@@ -177,45 +207,45 @@ def _payload_pictures(survey: SurveyResults, one: PayloadResults) -> dict[str, P
     }
 
 
-def _hazard_picture(survey: SurveyResults, hazard: HazardResults) -> Picture:
+def _hazard_picture(survey: SurveyResults, hazard: HazardResults) -> Drawing:
     """Draw the probability of steep ground."""
     title = f"Slope above {hazard.max_slope_deg:g}°"
-    return picture_of(
+    return Drawing(
         probability_plot(hazard.probability, title, area=survey.area, route=survey.route),
         f"Map of the probability of slopes above {hazard.max_slope_deg:g}°",
         f"Probability that the ground is steeper than {hazard.max_slope_deg:g}°, the largest slope of the rover.",
     )
 
 
-def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
+def _map_pictures(survey: SurveyResults) -> dict[str, Drawing]:
     """Draw maps of route, terrain, standard deviation, support and landmarks."""
     area, route, reconstruction = survey.area, survey.route, survey.reconstruction
     pictures = {
-        "map": picture_of(
+        "map": Drawing(
             figures.survey_map(reconstruction.mean, area=area, route=route),
             "Hillshaded map of the site with the route",
             "The reconstructed terrain with the route. Numbers give the order of the swaths.",
         ),
-        "terrain": picture_of(
+        "terrain": Drawing(
             figures.terrain_comparison(survey.truth, reconstruction, survey.prior, area=area),
             "Reference and reconstruction side by side",
             "Reference, reconstruction and prior in the same colours."
             if survey.prior
             else "Reference and reconstruction in the same colours.",
         ),
-        "std": picture_of(
+        "std": Drawing(
             figures.deviation_map(reconstruction, area=area, route=route),
             "Map of the claimed standard deviation",
             deviation_caption(reconstruction, route),
         ),
-        "support": picture_of(
+        "support": Drawing(
             figures.support_map(reconstruction, area=area, route=route),
             "Map of the support of each node",
             "Support of each height: measured, bounded by a line of sight, interpolated or unseen.",
         ),
     }
     if survey.points is not None:
-        pictures["landmarks"] = picture_of(
+        pictures["landmarks"] = Drawing(
             figures.landmark_map(
                 survey.points, reconstruction.mean, area=area, route=route, name=survey.points_name
             ),
@@ -239,31 +269,31 @@ def deviation_caption(reconstruction: Reconstruction, route: Route) -> str:
     return "Standard deviation of the map."
 
 
-def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
+def _error_pictures(survey: SurveyResults) -> dict[str, Drawing]:
     """Draw the errors of the map and their calibration."""
     area, truth, route, reconstruction = survey.area, survey.truth, survey.route, survey.reconstruction
     return {
-        "error": picture_of(
+        "error": Drawing(
             figures.error_map(reconstruction, truth, area=area, route=route),
             "Map of the error",
             "Red: the map lies too high, blue: too low. The limits hold 99% of the errors.",
         ),
-        "profile": picture_of(
+        "profile": Drawing(
             figures.terrain_profile(reconstruction, truth, route, prior=survey.prior, area=area),
             "Terrain profiles along one swath and across the survey",
             "Profiles along one swath and across the survey; below, the error inside its claimed band (± 2 σ).",
         ),
-        "calibration": picture_of(
+        "calibration": Drawing(
             figures.calibration_plot(reconstruction, truth, survey.score.calibration, area=area),
             "Observed against claimed coverage, and errors in claimed standard deviations",
             "On the diagonal (left) and under the curve (right), claim and error agree.",
         ),
-        "histogram": picture_of(
+        "histogram": Drawing(
             figures.error_histogram(reconstruction, truth, survey.score.elevation, area=area),
             "Histogram of the errors with RMSE, NMAD and 95th percentile",
             "Distribution of the errors.",
         ),
-        "distance": picture_of(
+        "distance": Drawing(
             figures.error_against_distance(reconstruction, truth, route, area=area),
             "Error against distance to the route",
             "Error and standard deviation against the distance to the route.",
@@ -273,14 +303,14 @@ def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
 
 def _path_pictures(
     trajectory: Trajectory, reference: Trajectory, points: SurfacePoints | None
-) -> dict[str, Picture]:
+) -> dict[str, Drawing]:
     """Draw the estimated path and its error."""
     at_times = np.column_stack(
         [np.interp(trajectory.time_s, reference.time_s, axis) for axis in reference.position.T]
     )
     is_lost = np.asarray(trajectory.health) < 0.5
     return {
-        "path": picture_of(
+        "path": Drawing(
             (
                 figures.path_map(
                     trajectory.position,
@@ -289,17 +319,18 @@ def _path_pictures(
                     landmark_sigma_m=None if points is None else points.sigma_z,
                     reference=reference.position,
                     is_lost=is_lost,
+                    crs=trajectory.crs,
                 )
             ),
             "Map of the estimated path with its 1σ ellipses, the reference and the landmarks",
             "Estimated path with its 1σ ellipses, the reference, and the landmarks.",
         ),
-        "path_error": picture_of(
+        "path_error": Drawing(
             error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost),
             "Horizontal and vertical error of the position over the distance driven, with the claimed band",
             "Error of the position against the distance driven, with the estimated standard deviation.",
         ),
-        "trajectory": picture_of(
+        "trajectory": Drawing(
             figures.error_over_time(trajectory, reference),
             "Error of the estimated position over time with its claimed band",
             "Error of the estimated position: east, north and up. The band is ± 2 estimated σ.",
@@ -307,36 +338,21 @@ def _path_pictures(
     }
 
 
-def _drive_pictures(survey: SurveyResults, driven: Trajectory, estimated: FloatArray) -> dict[str, Picture]:
+def _drive_pictures(survey: SurveyResults, driven: Trajectory, estimated: FloatArray) -> dict[str, Drawing]:
     """Draw the drive beside its plan."""
     route, paths = survey.route, (driven.position, estimated)
     return {
-        "executed": picture_of(
+        "executed": Drawing(
             figures.executed_route(route, *paths, area=survey.area),
             "Map of the planned and the driven path",
             "Planned path, driven path, and the path as estimated while driving.",
         ),
-        "deviation": picture_of(
+        "deviation": Drawing(
             deviation_from_route(route, *paths),
             "Distance from the planned path over the distance driven",
             "True and estimated distance from the route.",
         ),
     }
-
-
-def _camera_pictures(on_board: OnBoard) -> dict[str, Picture]:
-    """Return the pictures of the camera: video and feature tracks."""
-    pictures = {}
-    if on_board.video is not None:
-        alt = "Images of the drive, one after the other"
-        pictures["video"] = animation_of(on_board.video, alt, "Images of the camera, from start to end.")
-    if on_board.tracks is not None:
-        pictures["tracks"] = picture_of(
-            (on_board.tracks),
-            "Images of the drive with tracked corners, before and after CLAHE",
-            "Tracked corners: left in the raw images, right after contrast enhancement (CLAHE).",
-        )
-    return pictures
 
 
 _STANDARDS = {
@@ -387,7 +403,8 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
 
 def conditions(score: Score) -> list[str]:
     """Return what the verdict assumes: the standard's condition, and the share of the area that it covers."""
-    notes = [score.verdicts[0].note] if score.verdicts[0].note else []
+    notes = [] if score.n_silent else [f"{edition_2_sentence(score.elevation.rmse_m, score.covered_share)}."]
+    notes += [score.verdicts[0].note] if score.verdicts[0].note else []
     if score.n_silent:
         notes.append(
             f"The map gives a height on {percent(score.covered_share)} of the area; "

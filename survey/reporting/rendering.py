@@ -1,7 +1,7 @@
 """Rendering of HTML pages: templates, tables for download, and pictures.
 
 `render` fills a template of ``survey/reporting/templates``; `csv_source` embeds a table as a data URI. A
-`Picture` is a figure as PNG for download and as WebP for the page, with a narrow version for phones where it
+`Picture` is a figure as a file for download and as WebP for the page, with a narrow version for phones where it
 takes the width of a page.
 """
 
@@ -15,9 +15,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 from PIL import Image
 
+from survey.core import PictureKind
 from survey.core.text import csv_cell
-from survey.figures.layout import narrow_image
-from survey.figures.style import page_image
+from survey.figures.layout import Paper, arranged, column_width_in, is_wide, narrow_image
+from survey.figures.style import page_image, picture_bytes, styled
 
 _SPACES = str.maketrans({"\u00a0": " ", "\u202f": "", "\u2009": "", "\u2212": "-"})
 
@@ -52,7 +53,6 @@ def csv_source(rows: Iterable[Sequence[object]]) -> str:
 
 
 _SCALE = 2
-_WIDE_IN = 6.0
 _QUALITY = 90
 # Effort of the encoder, 0 to 6: half the time of the default 4 for 4 % larger images.
 _EFFORT = 2
@@ -102,12 +102,37 @@ class Picture(NamedTuple):
         return self.narrow is not None
 
 
-def picture_of(figure: Figure, alt: str, caption: str) -> Picture:
-    """Draw a figure for a page, and for phones where it takes the width of a page."""
-    image, is_wide = page_image(figure), figure.get_figwidth() > _WIDE_IN
-    png = _encoded(image, format="png", compress_level=_COMPRESSION)
-    narrow = Shown.of(narrow_image(figure)) if is_wide else None
-    return Picture(png, "png", alt, caption, Shown.of(image), narrow)
+_PRINT_DPI = 300
+
+
+class PictureForm(NamedTuple):
+    """Format of a picture, and the publisher whose columns it fits; without one it has the width of the screen."""
+
+    kind: PictureKind = "png"
+    paper: Paper | None = None
+
+    def render(self, figure: Figure) -> bytes:
+        """Draw a figure as the content of a file; the figure itself stays as it is."""
+        return self._at_column_width(figure) if self.paper else picture_bytes(figure, self.kind)
+
+    @styled
+    def _at_column_width(self, figure: Figure) -> bytes:
+        assert self.paper is not None
+        with arranged(figure, column_width_in(figure, self.paper)):
+            return picture_bytes(figure, self.kind, _PRINT_DPI)
+
+
+PNG = PictureForm()
+"""Form of pictures that are not asked for in another one."""
+
+
+def picture_of(figure: Figure, alt: str, caption: str, form: PictureForm = PNG) -> Picture:
+    """Draw a figure for a page, for phones where it takes the width of a page, and as a file for download."""
+    image = page_image(figure)
+    # The file of the usual form holds the pixels of the page.
+    file = _encoded(image, format="png", compress_level=_COMPRESSION) if form == PNG else form.render(figure)
+    narrow = Shown.of(narrow_image(figure)) if is_wide(figure) else None
+    return Picture(file, form.kind, alt, caption, Shown.of(image), narrow)
 
 
 def animation_of(webp: bytes, alt: str, caption: str) -> Picture:

@@ -9,7 +9,7 @@ from survey.core.errors import ConfigError
 from survey.scoring.standards.assessment import NOT_ASSESSED, Assessment
 from survey.scoring.standards.standards import ASPRS_2014, EDITION_2, NMAS, Z95
 
-LANGUAGES = ("en", "de")
+LANGUAGES = ("en", "de", "es", "fr")
 """Languages for which there is a template in the folder ``templates``."""
 _TOO_FEW = re.compile(r"\d+ checkpoints on ")
 

@@ -43,7 +43,8 @@ from survey.io.raster.values import Extremes
 from survey.reconstruction.terrain_map import ELEVATION, Reconstruction
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage, NodeCounts, count_nodes, nodes_beyond
-from survey.scoring.standards.map_classes import Verdict, judge
+from survey.scoring.standards.map_classes import Verdict, edition_2_class, judge
+from survey.scoring.standards.standards import LEAST_COVERED
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,14 +112,14 @@ class Score(DataObject):
         return replace(score, verdicts=judge(elevation.rmse_m, covered_share=score.covered_share))
 
     def _facts(self) -> dict[str, str]:
-        elevation, verdicts = self.elevation, [verdict for verdict in self.verdicts if verdict.met]
+        elevation, is_covered = self.elevation, self.covered_share >= LEAST_COVERED
         return {
             "RMSE": f"{elevation.rmse_m:.3f} m",
             "bias": f"{elevation.bias_m:+.3f} m",
             "NMAD": f"{elevation.nmad_m:.3f} m",
             "nodes": f"{elevation.n}",
             "covered": f"{100.0 * self.covered_share:.1f} %",
-            "best class met": verdicts[-1].map_class if verdicts else "none",
+            "vertical, ASPRS Edition 2": edition_2_class(elevation.rmse_m) if is_covered else "none",
         }
 
     def _summary(self) -> str:

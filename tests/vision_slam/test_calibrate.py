@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from firnline.cli.main import app
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera
+from tests.printing import assert_printable
 from tests.vision_slam.rendered import (
     CAMERA,
     charuco_images,
@@ -70,6 +71,10 @@ def test_the_picture_shows_every_residual(calibration):
     arrows = figure.axes[0].collections[0]
     assert arrows.N == 12 * 54
     assert len(figure.axes[2].patches) == 12
+
+
+def test_the_picture_can_be_printed(calibration):
+    assert_printable(calibration_figure(calibration))
 
 
 def test_a_blurred_view_is_left_out_by_name(images, tmp_path):

@@ -11,13 +11,15 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera
 from survey.data.sensors.records import Wheels
 from survey.data.trajectory import Trajectory
+from survey.figures.style import write_pictures
+from tests.printing import assert_printable
+from vision_slam.plotting import tracks_on_frames
 from vision_slam.recorded_drive import RecordedDrive
 from vision_slam.recordings import open_recording
 from vision_slam.results import (
     draw_localization,
     refuse_without_rerun,
     write_localization,
-    write_pictures,
     write_rrd,
 )
 
@@ -89,6 +91,10 @@ def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
     assert {"trajectory.tum", "track.gpkg", "landmarks.gpkg", "health.csv"} <= names
     assert {"map.png", "tracks.png", "errors.png"} <= names
     assert len(Trajectory.read(out / "trajectory.csv", UTM)) == N
+
+
+def test_the_picture_of_tracks_can_be_printed(drive: RecordedDrive) -> None:
+    assert_printable(tracks_on_frames(drive.records, n_places=1))
 
 
 def test_a_table_of_fixes_is_a_reference(folder: Path, drive: RecordedDrive) -> None:

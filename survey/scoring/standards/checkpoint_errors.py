@@ -77,7 +77,8 @@ class CheckpointErrors:
     `errors_m` (N,): map minus checkpoint [m]. `sigma_z_m` (N,): standard deviations of the checkpoints [m].
     `vegetated` (N,) bool: which lie on vegetated ground. `names`: the checkpoints. `spread`: how they lie in
     the area. `left_out`: checkpoints in the area where the map gives no height. `n_outside`: checkpoints
-    outside the area. `has_datums`: both the map and the checkpoints state the same vertical datum.
+    outside the area. `without_datum`: which of map and checkpoints state no
+    vertical datum.
     `covered_share`: share of the named area on which the map gives a height; 1 where no area was named. `xyz`
     (N, 3): easting, northing and height of the checkpoints [m], where they are known. `shift_m` (N, 2): place
     in the map minus place of the checkpoint, east and north [m]; NaN where a mark was not found in the map.
@@ -92,7 +93,7 @@ class CheckpointErrors:
     spread: Spread
     left_out: tuple[str, ...] = ()
     n_outside: int = 0
-    has_datums: bool = True
+    without_datum: tuple[str, ...] = ()
     covered_share: float = 1.0
     xyz: FloatArray | None = None
     shift_m: FloatArray | None = None
@@ -195,7 +196,7 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         Spread.of(checkpoints.xy[used], ground),
         tuple(checkpoints.names[k] for k in np.flatnonzero(silent)),
         int((~inside).sum()),
-        dem.vertical_datum == checkpoints.vertical_datum != UNSTATED,
+        _without_datum(dem, checkpoints),
         1.0 if area is None else mapped_share(dem, area),
         frozen(checkpoints.xyz[used]),
         None if checkpoints.map_xy is None else frozen((checkpoints.map_xy - checkpoints.xy)[used]),
@@ -272,9 +273,6 @@ BLUNDER_FACTOR = 3.0
 """Errors beyond this many times the limit of the RMSE are to be investigated."""
 
 
-_NO_DATUM = (
-    "the map or the checkpoints do not state their vertical datum; datums can differ by tens of metres"
-)
 # Blunders: so many times the error that this share of at least so many checkpoints stays below; the worst are named.
 _TIMES_USUAL, _USUAL_SHARE, _LEAST_CHECKPOINTS, _N_NAMED = 10.0, 0.8, 10, 5
 # Heights in feet: their ratio to those of the map, to this share, where they are not near sea level.
@@ -367,8 +365,16 @@ def datum_cautions(errors: CheckpointErrors) -> list[str]:
         return [
             "the heights of the checkpoints are 3.28 times those of the map, as feet are; convert them to metres"
         ]
-    stated = [] if errors.has_datums else [_NO_DATUM]
-    return stated + _blunder_cautions(errors)
+    unstated = [
+        f"{' and '.join(errors.without_datum)} state no vertical datum; datums can differ by tens of metres (--datum)"
+    ]
+    return (unstated if errors.without_datum else []) + _blunder_cautions(errors)
+
+
+def _without_datum(dem: Dem, checkpoints: Checkpoints) -> tuple[str, ...]:
+    """Return which of map and checkpoints state no vertical datum."""
+    datums = {"the heights of the map": dem.vertical_datum, "the checkpoints": checkpoints.vertical_datum}
+    return tuple(name for name, datum in datums.items() if datum == UNSTATED)
 
 
 def _are_feet(errors: CheckpointErrors) -> bool:

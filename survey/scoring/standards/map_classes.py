@@ -6,6 +6,7 @@ removing the best vertical offset. A class is certified where it is met with a p
 certificate is as good as the map's standard deviation.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -156,6 +157,28 @@ def judge(rmse_m: float, standard: str = PAPER, *, covered_share: float = 1.0) -
         )
         for row in map_classes(standard)
     )
+
+
+def edition_2_class(rmse_m: float) -> str:
+    """Return the tightest vertical class of ASPRS Edition 2 that an RMSE meets, in steps of a millimetre.
+
+    The edition lists no classes: a class of # cm means that the RMSE is at most # cm (section 7.4).
+
+    >>> edition_2_class(0.0604), edition_2_class(0.1)
+    ('6.1 cm class', '10.0 cm class')
+    """
+    return f"{math.ceil(round(1000.0 * rmse_m, 6)) / 10.0:.1f} cm class"
+
+
+def edition_2_sentence(rmse_m: float, covered_share: float) -> str:
+    """Return the class of ASPRS Edition 2 that an RMSE on a reference surface meets, or why none is stated.
+
+    >>> edition_2_sentence(0.0604, 1.0)
+    '6.1 cm class, vertical, by ASPRS Edition 2 (2024): RMSE 0.060 m on the reference'
+    """
+    if covered_share < LEAST_COVERED:
+        return f"{uncovered_sentence(covered_share)} RMSE on the covered part {rmse_m:.3f} m"
+    return f"{edition_2_class(rmse_m)}, vertical, by ASPRS Edition 2 (2024): RMSE {rmse_m:.3f} m on the reference"
 
 
 def uncovered_sentence(covered_share: float) -> str:

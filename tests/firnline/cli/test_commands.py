@@ -59,7 +59,7 @@ def test_run_prints_times_rmse_class_and_report(runs):
     lines = dict(line.split(maxsplit=1) for line in out.strip().splitlines())
     assert set(lines) == {"stages", "RMSE", "class", "map", "report"}
     assert Path(lines["report"]).is_file()
-    assert "Class" in lines["class"]
+    assert "cm class, vertical, by ASPRS Edition 2" in lines["class"]
 
 
 def test_a_smooth_site_with_a_perfect_sensor_meets_the_class(runs):
@@ -96,6 +96,17 @@ def test_a_run_has_a_qgis_project_of_its_own_files(runs):
         source = layer.findtext("datasource").split("|")[0]
         assert source.startswith("../")
         assert (project.parent / source).is_file()
+
+
+@pytest.mark.long
+def test_a_report_for_a_paper_has_figures_as_pdf_and_states_the_field_work(runs):
+    run, rates = runs / "runs" / "small", runs / "rates.toml"
+    rates.write_text('currency = "EUR"\nperson_day = 500.0\n')
+    said = firnline("report", str(run), "--paper", "copernicus", "--rates", str(rates), "--json")
+    page = Path(json.loads(said)["report"])
+    assert {file.suffix for file in (page.parent / "figures").iterdir()} == {".pdf"}
+    assert "1 day, 2 person-days, 1000 EUR" in page.read_text(encoding="utf-8")
+    firnline("report", str(run))
 
 
 @pytest.mark.long

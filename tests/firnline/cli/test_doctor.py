@@ -1,9 +1,11 @@
 """The doctor checks what the demos need, and states what will not run."""
 
 import json
+import re
 from importlib.metadata import PackageNotFoundError
 
 import pytest
+from matplotlib.font_manager import fontManager
 from typer.testing import CliRunner
 
 from firnline.cli.diagnosis import disk_finding, memory_finding
@@ -50,6 +52,16 @@ def test_little_memory_or_disk_is_said_with_the_need() -> None:
     assert not memory_finding(2**30).is_well
     assert memory_finding(8 * 2**30).is_well
     assert disk_finding(10 * 2**20).prevents == "the demos"
+
+
+def test_an_incomplete_list_of_fonts_is_said_with_the_file_to_delete(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    listed = [font for font in fontManager.ttflist if font.name != "STIXGeneral"]
+    monkeypatch.setattr(fontManager, "ttflist", listed)
+    code, said = doctor()
+    assert code == 0
+    assert re.search(r"fonts .*lacks \d+ of its own, such as STIX\w+; delete", said)
 
 
 def test_a_folder_for_compiled_loops_that_is_named_but_missing_is_said(

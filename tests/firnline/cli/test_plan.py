@@ -257,12 +257,30 @@ def test_a_failing_picture_leaves_the_old_route_and_picture(monkeypatch):
     planned("site.gpkg", "--swaths", "3")
     before = {name: Path(name).read_bytes() for name in ("route.geojson", "route.png")}
 
-    def full(_):
+    def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("survey.figures.png_bytes", full)
+    monkeypatch.setattr("survey.figures.picture_bytes", full)
     CliRunner().invoke(app, ["plan", "site.gpkg", "--swaths", "4", "--force", "-q"])
     assert {name: Path(name).read_bytes() for name in before} == before
+
+
+@pytest.mark.parametrize("kind", ["pdf", "svg"])
+def test_the_picture_is_drawn_in_the_chosen_format(kind):
+    out, _ = planned("site.gpkg", "--swaths", "3", "--pictures", kind)
+    assert f"route.{kind}" in out
+    assert Path(f"route.{kind}").read_bytes()[:5] in (b"%PDF-", b"<?xml")
+    assert not Path("route.png").exists()
+
+
+def test_rates_give_person_days_and_cost():
+    Path("rates.toml").write_text('currency = "EUR"\nperson_day = 500.0\npeople = 3\nfixed = 100.0\n')
+    out, _ = planned("site.gpkg", "--swaths", "3", "--rates", "rates.toml", "--no-pictures")
+    assert "field work         1 day, 3 person-days, 1600 EUR" in out
+    planned("site.gpkg", "--swaths", "3", "--rates", "rates.toml", "-o", "sheets.pdf")
+    Path("rates.toml").write_text('currency = "EUR"\nday = 500.0\n')
+    _, err = planned("site.gpkg", "--swaths", "3", "--rates", "rates.toml", "-o", "b.geojson", code=4)
+    assert "rates.toml" in err
 
 
 def test_formats_that_hold_no_route_are_refused_before_planning():

@@ -80,6 +80,8 @@ def test_the_survey_without_a_datum_is_named(site: Path) -> None:
     words = output_of(*args)
     assert "the later survey does not state its vertical datum" in words
     assert "the earlier survey does not" not in words
+    assert "vertical datum" not in output_of(*args, "--force", "--datum", "EGM96 height")
+    assert "vertical datums" in output_of(*args, "--force", "--datum", "ellipsoidal height", code=3)
 
 
 def test_checkpoints_that_are_control_unknown_standards_and_other_datums_are_refused(site: Path) -> None:
@@ -171,9 +173,17 @@ def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.
     def full(*_: object) -> bytes:
         raise InputError("the disk is full")
 
-    monkeypatch.setattr("survey.figures.png_bytes", full)
+    monkeypatch.setattr("survey.figures.style.picture_bytes", full)
     output_of(*args, "--force", "--no-level", code=3)
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == old
+
+
+def test_the_pictures_of_a_change_and_of_its_report_are_drawn_in_the_chosen_format(site: Path) -> None:
+    output_of(*_surveys(site), "--pictures", "svg", "--report", "stated")
+    assert [file.name for file in Path("out").glob("change.*") if file.suffix in (".png", ".svg")] == [
+        "change.svg"
+    ]
+    assert [file.name for file in Path("stated/figures").iterdir()] == ["change.svg"]
 
 
 def test_names_of_outlines_are_escaped_in_tables_and_on_the_terminal(site: Path) -> None:
@@ -221,6 +231,11 @@ def test_a_vertical_datum_that_one_raster_alone_states_is_noted(site: Path) -> N
     Dem(dem.elevation, dem.transform, dem.crs).write("unstated.tif")
     words = output_of("score", "map.tif", "--truth", "unstated.tif")
     assert "note: the map states EGM96 height, and the reference no vertical datum" in words
+    named = output_of(
+        "score", "unstated.tif", "--truth", "map.tif", "--datum", "EGM96 height", "--report", "named"
+    )
+    assert "vertical datum" not in named
+    assert "EGM96 height" in Path("named/index.html").read_text(encoding="utf-8")
     dem.write("copy.tif")
     assert "vertical datum" not in output_of("score", "map.tif", "--truth", "copy.tif")
 

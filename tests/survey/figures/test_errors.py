@@ -1,5 +1,7 @@
 """Error figures: symmetric about zero, blank where nothing is known, with the numbers they mark."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from affine import Affine
@@ -49,6 +51,14 @@ def test_error_colours_are_symmetric(site):
     assert low == -high
     assert high == pytest.approx(0.1, abs=1e-9)
     assert len(axes.lines) == len(site.route.swaths)
+
+
+def test_signs_of_errors_are_marked_for_prints_in_grey(site):
+    east = site.truth.x > 500_100.0
+    leaning = site.truth.elevation + np.where(east, 0.3, -0.3)
+    tilted = replace(site.reconstruction, mean=Dem(leaning, site.truth.transform, site.truth.crs, "EGM96"))
+    marks = {line.get_marker(): line.get_xdata() for line in error_map(tilted, site.truth).axes[0].lines}
+    assert marks["+"].min() > 500_095.0 > marks["_"].max() - 10.0
 
 
 def test_one_wild_error_does_not_set_the_colours():

@@ -52,6 +52,31 @@ def test_colours_tell_the_predicted_deviation_or_else_the_elevation():
     assert any(raster.shape == GRID.shape and (raster == 0.5).all() for raster in rasters)
 
 
+def test_many_swaths_do_not_hide_the_prediction():
+    def share_drawn(n: int) -> float:
+        legs: list[Leg] = []
+        for k, y in enumerate(np.linspace(0.5, 59.5, n)):
+            line = [[0.0, y], [100.0, y]][:: 1 if k % 2 == 0 else -1]
+            legs += [Leg("transit", [legs[-1].xy[-1], line[0]])] if legs else []
+            legs.append(Leg("swath", line))
+        axes = plan_map(AREA, Route(tuple(legs), CRS, "lawnmower")).axes[0]
+        height_pt = axes.get_position().height * axes.figure.get_figheight() * 72.0
+        return float(n * axes.lines[0].get_linewidth() / height_pt)
+
+    assert share_drawn(4) < share_drawn(128) < 0.16
+
+
+def test_labels_of_contours_stand_within_the_area():
+    for width in (20.0, 100.0):
+        tongue = SurveyArea(shapely.box(0.0, 25.0, width, 35.0), CRS)
+        labels = plan_map(tongue, ROUTE, terrain=GROUND).axes[0].texts
+        heights = [text for text in labels if text.get_text().isdigit() and text.get_bbox_patch() is None]
+        assert heights
+        assert all(
+            shapely.dwithin(tongue.polygon, shapely.Point(text.get_position()), 1.0) for text in heights
+        )
+
+
 def test_another_crs_is_refused():
     elsewhere = SurveyArea(AREA.polygon, "EPSG:32609")
     with pytest.raises(InputError, match="the route"):

@@ -25,9 +25,12 @@ def compared(n):
 
 def test_colours_of_residuals_are_symmetric_and_hold_the_largest():
     errors = compared(12)
-    (points,) = (c for c in residual_map(errors, TERRAIN).axes[0].collections if c.get_array() is not None)
-    assert np.allclose(np.sort(points.get_array()), np.sort(errors.errors_m))
-    assert points.norm.vmax == -points.norm.vmin == np.abs(errors.errors_m).max()
+    above, below = (c for c in residual_map(errors, TERRAIN).axes[0].collections if c.get_array() is not None)
+    shown = np.r_[above.get_array(), below.get_array()]
+    assert np.allclose(np.sort(shown), np.sort(errors.errors_m))
+    assert (above.get_array().min() >= 0.0, below.get_array().max() < 0.0) == (True, True)
+    for points in (above, below):
+        assert points.norm.vmax == -points.norm.vmin == np.abs(errors.errors_m).max()
 
 
 @pytest.mark.parametrize(("n", "named"), [(12, 12), (60, 0)])

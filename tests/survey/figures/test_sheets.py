@@ -107,6 +107,12 @@ def _on_polar_ice() -> PlanContent:
     return replace(made, title=title, area=area, route=route, terrain=None, std=None, left_out=())
 
 
+def test_the_overview_states_the_field_work():
+    stated = "2 days, 6 person-days, 3900 EUR"
+    assert stated in words(plan_sheets(replace(content(), field_work=stated))[0])
+    assert "Field work" not in words(plan_sheets(content())[0])
+
+
 @pytest.mark.parametrize("made", [content(), _on_polar_ice()], ids=["short", "long"])
 def test_texts_end_at_the_right_margin(made):
     for figure in plan_sheets(made):

@@ -15,9 +15,11 @@ from survey.reporting.document import (
     Statement,
     Table,
     check_target,
+    document_pages,
     html_page,
     write_document,
 )
+from tests.printing import assert_printable
 
 TABLE = Table(
     "residuals", "Residuals", ("Point", "Residual [m]"), (("=P1", "\u22120.250"), ("P2", "0.100")), 1
@@ -47,6 +49,18 @@ def test_a_folder_holds_page_pdf_figures_and_tables(document, tmp_path):
     assert opened == tmp_path / "report" / "index.html"
     names = {str(p.relative_to(tmp_path / "report")) for p in (tmp_path / "report").rglob("*") if p.is_file()}
     assert names == {"index.html", "report.pdf", "figures/line.png", "tables/residuals.csv"}
+
+
+@pytest.mark.parametrize("kind", ["pdf", "svg"])
+def test_figures_are_written_in_the_chosen_format(document, tmp_path, kind):
+    page = write_document(tmp_path / "report", document, kind).read_text(encoding="utf-8")
+    assert (tmp_path / "report" / "figures" / f"line.{kind}").exists()
+    assert f'href="figures/line.{kind}"' in page
+
+
+def test_pages_can_be_printed(document):
+    for page in document_pages(document):
+        assert_printable(page, share=1.0)
 
 
 @pytest.mark.parametrize("name", ["a.html", "a.pdf"])

@@ -73,6 +73,21 @@ def test_the_german_statement_has_the_same_numbers() -> None:
     assert "RMSE_V = 5.4 cm" in said
 
 
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [
+        ("fr", "la classe de précision altimétrique 10 cm (RMSE_V)"),
+        ("es", "la clase de exactitud vertical de 10 cm (RMSE_V)"),
+    ],
+)
+def test_french_and_spanish_statements_have_the_same_numbers(language: str, words: str) -> None:
+    (said,) = statements(errors_of(30), "asprs-edition-2", language, class_m=0.10)
+    assert words in said
+    assert "RMSE_V = 5.4 cm" in said
+    (few,) = statements(errors_of(29), "asprs-edition-2", language, class_m=0.10)
+    assert "29" in few
+
+
 def test_a_language_without_a_template_is_refused() -> None:
     with pytest.raises(ConfigError, match="language 'xx'; one of en, de"):
         template("xx")

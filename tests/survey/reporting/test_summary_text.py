@@ -51,7 +51,7 @@ def test_the_tightest_class_met_is_the_last_of_them():
 
 
 def test_silent_nodes_are_stated_with_the_verdict(scored):
-    assert len(conditions(scored)) == 1
+    assert len(conditions(scored)) == 2
     half = replace(scored, n_silent=scored.elevation.n)
     assert conditions(half)[1].startswith("The map gives a height on 50.0% of the area")
 

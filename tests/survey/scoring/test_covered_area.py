@@ -106,4 +106,4 @@ def test_the_command_says_the_share(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [*args, "--area", str(tmp_path / "area.gpkg")])
     assert done.exit_code == 0, done.output
     assert "No class is stated: the map covers 94.7 % of the area" in done.stdout
-    assert "Class 3 at" not in done.stdout
+    assert "cm class" not in done.stdout

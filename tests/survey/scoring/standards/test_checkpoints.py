@@ -72,7 +72,11 @@ def test_errors_are_map_minus_checkpoint_and_what_is_left_out_is_named(plane: De
     found = compare(holed, Checkpoints(np.column_stack([xy, heights - 0.3]), 0.02, plane.crs))
     # Bilinear interpolation of a plane is exact.
     np.testing.assert_allclose(found.errors_m, [0.3, 0.3], atol=1e-12)
-    assert (found.left_out, found.n_outside, found.has_datums) == (("3",), 1, False)
+    assert (found.left_out, found.n_outside, found.without_datum) == (
+        ("3",),
+        1,
+        ("the heights of the map", "the checkpoints"),
+    )
 
 
 def test_mixed_datums_and_systems_are_refused(plane: Dem) -> None:

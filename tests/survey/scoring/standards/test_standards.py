@@ -145,7 +145,7 @@ def test_blunders_and_bias_are_stated_and_included() -> None:
     assert finding.n == 30
     biased = first(errors_of(np.full(30, 0.02)), "asprs-edition-2", class_m=0.05)
     assert any("mean error" in caution for caution in biased.cautions)
-    silent = first(errors_of(values, has_datums=False), "asprs-edition-2", class_m=0.05)
+    silent = first(errors_of(values, without_datum=("the checkpoints",)), "asprs-edition-2", class_m=0.05)
     assert any("vertical datum" in caution for caution in silent.cautions)
 
 
