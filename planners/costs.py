@@ -53,13 +53,34 @@ class Rates(Section):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read the rates of a TOML file."""
+        """Read the rates of a TOML file.
+
+        Parameters
+        ----------
+        path
+            TOML file with one entry for each rate.
+
+        Returns
+        -------
+        Rates
+            The rates; those that the file leaves out have their defaults.
+        """
         return validated(cls, read_toml(path), str(path))
 
     def field_work(self, time_s: float, n_rovers: int) -> FieldWork:
         """Return days, person-days and cost of a survey.
 
-        `time_s`: time until the last rover is done [s].
+        Parameters
+        ----------
+        time_s
+            Time until the last rover is done [s].
+        n_rovers
+            Number of rovers.
+
+        Returns
+        -------
+        FieldWork
+            Days, person-days of all people with their travel, and cost.
         """
         days = max(math.ceil(time_s / (3600.0 * self.hours_a_day)), 1)
         person_days = self.people * (days + self.travel_days)

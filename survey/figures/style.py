@@ -119,6 +119,22 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
 def picture_bytes(figure: Figure, kind: PictureKind = "png", dpi: int = DPI) -> bytes:
     r"""Render a figure as PNG, PDF or SVG with its fonts embedded; the same figure gives the same bytes.
 
+    Parameters
+    ----------
+    figure
+        Figure to render.
+    kind
+        Format of the picture.
+    dpi
+        Pixels per inch of a PNG.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
+
+    Examples
+    --------
     >>> picture_bytes(Figure((1.0, 1.0)), "pdf")[:4]
     b'%PDF'
     """

@@ -119,9 +119,7 @@ class MapWatch(NamedTuple):
         process = learned.process
         if rows * columns < _N_LARGE and not process.divides_site:
             return
-        mapping_s = learned.expected_s(self.grid) + _finishing_s(
-            learned, self.grid
-        )
+        mapping_s = learned.expected_s(self.grid) + _finishing_s(learned, self.grid)
         text = _time_text(learning_s + _BESIDE_MAPPING * mapping_s)
         if process.divides_site:
             logger.warning(
