@@ -14,6 +14,15 @@ const ol = /** @type {any} */ (globalThis).ol;
 const STEPS = 1000, CORNERS = 48;
 
 export class Replay {
+  /** @type {Track[]} */
+  tracks = [];
+  /** @type {Grown[]} */
+  maps = [];
+  imageOf = "";
+  timeS = 0;
+  isLatest = true;
+  isWaiting = false;
+
   /** @param {any} map @param {import("../map/layers.js").Layers} layers @param {string} name Of the slider and the layers. @param {string} title Of the paths. */
   constructor(map, layers, name, title) {
     this.map = map;
@@ -30,13 +39,10 @@ export class Replay {
     const close = element("button", { type: "button", class: "quiet", text: "Close the drive", id: `${name}-close`, onclick: () => this.clear() });
     this.controls = element("div", { class: "stack", hidden: true }, this.slider, element("div", { class: "row" }, this.player.button, close));
     this.part = element("div", { class: "stack", hidden: true }, this.camera, this.label, this.controls);
-    this.#empty();
   }
 
   #empty() {
-    /** @type {Track[]} */
     this.tracks = [];
-    /** @type {Grown[]} */
     this.maps = [];
     this.imageOf = "";
     this.timeS = 0;
