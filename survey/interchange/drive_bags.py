@@ -297,7 +297,7 @@ class _Drive:
 def _rolled_path(wheels: Wheels, track_gauge_m: float) -> _Path:
     """Return the path of a skid-steered rover in the plane, by its encoders alone."""
     if track_gauge_m < _IN_ONE_TURN_M:
-        raise InputError(f"the track gauge is {track_gauge_m:g} m; a distance above 0 was expected.")
+        raise InputError(f"`track_gauge_m` is {track_gauge_m:g} m; a distance above 0 was expected.")
     heading = (wheels.right_m - wheels.left_m) / track_gauge_m
     heading -= heading[0]
     rolled, middle = np.diff(0.5 * (wheels.left_m + wheels.right_m)), 0.5 * (heading[1:] + heading[:-1])

@@ -59,7 +59,8 @@ def recorded_images(recording: Recording) -> tuple[Frames, Camera]:
     """Return images and calibration of a recording; refuse one without."""
     if recording.frames is None or recording.camera is None:
         raise InputError(
-            "the recording has no images, which this layout needs; write another format, or simulate with fidelity = 'vision'."
+            "the recording has no images, which this layout needs; write another format, or simulate with fidelity = 'vision' "
+            "in the mission file."
         )
     return recording.frames, recording.camera
 
@@ -185,7 +186,7 @@ def rectified_camera(camera: Camera) -> Camera:
     rays = [camera.rays(np.vstack(edges).astype(np.float64)) for edges in (sides, ends)]
     if not all(np.isfinite(edge).all() and (edge[:, 2] > 0.0).all() for edge in rays):
         raise InputError(
-            "the camera sees 90° off its axis, which no pinhole of KITTI does; write another format."
+            "the camera sees 90° off its axis, which no pinhole of KITTI does; write another format, such as --as euroc."
         )
     least = [float(np.abs(edge[:, k] / edge[:, 2]).min()) for k, edge in enumerate(rays)]
     focal_px = max(across / least[0], down / least[1])

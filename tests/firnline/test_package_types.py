@@ -13,6 +13,7 @@ import pytest
 
 import firnline
 from desk.plan.document import PlanDocument
+from planners.costs import Rates
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveSurvey
 from planners.patterns.best import Choice
 from planners.patterns.piecewise_continuous import PiecewiseContinuousSteering
@@ -55,6 +56,7 @@ from vision_slam.places.loop_closures import SeenDrive
 
 MODULES = {
     "desk.plan.document": "PlanDocument",
+    "planners.costs": "FieldWork Rates",
     "planners.guarantee.adaptive": "AdaptiveConfig AdaptiveSurvey",
     "planners.patterns.best": "Choice",
     "planners.patterns.piecewise_continuous": "PiecewiseContinuousSteering",
@@ -100,6 +102,8 @@ def plans() -> Iterator[Any]:
     yield AdaptiveSurvey(None, np.zeros((0, 2)), KernelPosterior(()), MapPrediction(0.5, 0.4), holds=False)
     yield from (ErrorModel.of(area, Matern32(4.0, 30.0), noise_m=0.1), MapAssumptions())
     yield PredictedError(dem, 0.1, 0.2, 0.3)
+    rates = Rates(currency="EUR", person_day=600.0)
+    yield from (rates, rates.field_work(3600.0, 1))
     yield Attitude(np.zeros(2), np.zeros(2), np.zeros(2))
     yield Band(np.eye(2), np.arange(2.0), np.ones(2), np.ones(2))
     yield from (PiecewiseContinuousSteering(steered), RandomWanderSteering(steered), PlanDocument())
