@@ -182,7 +182,7 @@ def _number_swaths(axes: Axes, swaths: list[Leg], colour: str) -> None:
 
 
 def _mark_ends(axes: Axes, path: FloatArray, colour: str, name: str) -> None:
-    """Mark start and end of a path; the name at the start tells rovers apart without colour."""
+    """Mark start and end of a path; the name at the start distinguishes rovers without colour."""
     axes.annotate(
         name,
         (path[0, 0], path[0, 1]),

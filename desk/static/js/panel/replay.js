@@ -1,4 +1,4 @@
-// A drive in time: the rovers with their uncertainty, their paths so far, the camera's image and the map of then.
+// A drive in time: the rovers with their uncertainty, their paths so far, the camera's image and the map at that time.
 // While a drive goes on, the latest state is shown until the slider is moved back.
 import { element } from "../dom.js";
 import { Player } from "../map/player.js";
