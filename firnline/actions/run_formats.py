@@ -106,28 +106,28 @@ def _foxglove(source: Path, rover: int | None) -> OpenedRun:
 
 
 def _euroc(source: Path, rover: int | None) -> OpenedRun:
-    from survey.interchange.layouts import recorded_images, write_euroc
+    from survey.interchange.layouts import write_euroc
 
-    drive = _drive(source, rover)
-    frames, _ = recorded_images(drive.recording)
-
-    def write(out: Path) -> str:
-        with replacing_folder(out, own=_EUROC_FILES) as draft:
-            write_euroc(drive.recording, draft, drive.real)
-        return f"{len(frames)} images"
-
-    return OpenedRun(write)
+    return _images(_drive(source, rover), write_euroc, _EUROC_FILES)
 
 
 def _kitti(source: Path, rover: int | None) -> OpenedRun:
-    from survey.interchange.layouts import recorded_images, write_kitti_sequence
+    from survey.interchange.layouts import write_kitti_sequence
 
-    drive = _drive(source, rover)
+    return _images(_drive(source, rover), write_kitti_sequence, _KITTI_FILES)
+
+
+def _images(
+    drive: _Drive, layout: "Callable[[Recording, Path, Trajectory], None]", own: tuple[str, ...]
+) -> OpenedRun:
+    """Return what writes images and real poses in a layout of folders, whose own files are replaced."""
+    from survey.interchange.layouts import recorded_images
+
     frames, _ = recorded_images(drive.recording)
 
     def write(out: Path) -> str:
-        with replacing_folder(out, own=_KITTI_FILES) as draft:
-            write_kitti_sequence(drive.recording, draft, drive.real)
+        with replacing_folder(out, own=own) as draft:
+            layout(drive.recording, draft, drive.real)
         return f"{len(frames)} images"
 
     return OpenedRun(write)

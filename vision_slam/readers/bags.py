@@ -244,7 +244,7 @@ def _chosen_topics(connections: Sequence[Any], topics: Sequence[str], place: Pat
     taken: dict[str, str] = {}
     for kind, types in _KINDS.items():
         fitting = {connection.topic for connection in connections if connection.msgtype in types}
-        named = fitting.intersection(topics) or {topic for topic in fitting if _TRUTH not in topic}
+        named = fitting.intersection(topics) or {topic for topic in fitting if _TRUTH not in topic.lower()}
         if kind == "calibration" and len(named) > 1 and "images" in taken:
             named = {topic for topic in named if _is_beside(topic, taken["images"])} or named
         if len(named) > 1:

@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from survey.data.sensors.records import Barometer, GpsFixes, Inertial, Wheels
 from survey.data.trajectory import Trajectory
 from survey.interchange.bags import bag_clouds
 from survey.interchange.drive_bags import bag_notes, write_bag
-from vision_slam.readers.bags import read_bag
+from vision_slam.readers.bags import _chosen_topics, read_bag
 
 TIMES = np.arange(0.0, 3.0, 0.25)
 N = len(TIMES)
@@ -167,3 +168,11 @@ def test_what_a_bag_does_not_hold_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="distance above 0"):
         write_bag(drive, tmp_path / "drive", track_gauge_m=0.0)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("topic", ["/ground_truth/odom", "/Ground_Truth/odom", "/robot/GroundTruth"])
+def test_topics_of_real_poses_are_not_wheels_however_they_are_written(topic: str, tmp_path: Path) -> None:
+    both = [SimpleNamespace(topic=name, msgtype="nav_msgs/msg/Odometry") for name in (topic, "/wheels")]
+    assert _chosen_topics(both, (), tmp_path) == {"odometry": "/wheels"}
+    assert _chosen_topics(both[:1], (), tmp_path) == {}
+    assert _chosen_topics(both, (topic,), tmp_path) == {"odometry": topic}

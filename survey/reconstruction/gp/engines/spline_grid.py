@@ -15,7 +15,8 @@ from survey.reconstruction.gp.engines.regression import Process
 
 # Nodes that are predicted exactly without thought, and about those of the first attempt.
 _FEW = 2500
-# Largest error at a node that is compared, in standard deviations of the ground.
+# Largest error at a node that is compared, in standard deviations of the ground: it adds 0.1 % to the root mean square of the
+# error there, and changes the share within a 95 % interval by about one in a hundred.
 _TOLERANCE = 0.05
 # Nodes that are compared: near points, and spread by the sequence of Roberts (2018), whose steps are these.
 _N_COMPARED = 500
