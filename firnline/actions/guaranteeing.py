@@ -68,8 +68,8 @@ def found_guarantee(
 
 def refusal_text(made: "Guarantee") -> str:
     """Return why a guarantee does not hold, and what can be reached, in one sentence."""
-    from planners.guarantee.requirement import reachable_class
     from planners.guarantee.survey_lines import LONGEST_M
+    from survey.scoring.standards.map_classes import edition_2_class
 
     requirement = made.requirement
     reason = f" {contradiction_text(made)}; " if made.is_contradicted else " "
@@ -80,7 +80,6 @@ def refusal_text(made: "Guarantee") -> str:
             f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)});"
             f"{reason}--adaptive learns how rough the ground is from its first swaths."
         )
-    best = reachable_class(made.reachable_m)
     is_longest = made.length_m > LONGEST_M and requirement.max_swaths is None
     longest = (
         f", more than {length_text(LONGEST_M)} to drive are tried with --max-swaths alone"
@@ -90,7 +89,7 @@ def refusal_text(made: "Guarantee") -> str:
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths{longest}; with that probability they reach {made.reachable_m:.3g} m, "
-        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}{_way_out(made)}"
+        f"the {edition_2_class(made.reachable_m)} by ASPRS Edition 2 ({made.assumptions});{reason}{_way_out(made)}"
     )
 
 

@@ -16,11 +16,11 @@ from live.watch.live_map import LiveMap
 from live.watch.samples import Sample, SampleGate
 from planners.config import settings_factor
 from planners.guarantee.adaptive import AdaptiveConfig, AdaptiveState
-from planners.guarantee.requirement import reachable_class
 from planners.prediction.error_distribution import MapPrediction
 from survey import Dem, Grid, InputError, Leg, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.kernels import Kernel
+from survey.scoring.standards.map_classes import edition_2_class
 
 _STUCK_S, _STUCK_M = 90.0, 1.5
 _SILENT_S = 30.0
@@ -324,7 +324,7 @@ class SurveyWatch:
             "samples": len(self.samples),
             "expected_rmse_m": round(rmse, 4),
             "largest_sigma_m": round(float(sigma.max()), 4),
-            "class": reachable_class(rmse),
+            "class": edition_2_class(rmse),
         }
 
 
@@ -336,7 +336,7 @@ def _advice_event(time_s: float, advice: Advice, config: AdaptiveConfig) -> Even
         "limit_m": config.limit_m,
         "probability": round(advice.now.probability, 4),
         "rmse_m": round(advice.now.rmse_m, 4),
-        "class": reachable_class(advice.now.rmse_m),
+        "class": edition_2_class(advice.now.rmse_m),
         "do": "stop" if advice.is_met else "drive" if advice.legs else "give up",
     }
     if advice.with_next is not None and advice.with_all is not None:

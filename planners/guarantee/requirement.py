@@ -6,7 +6,6 @@ import numpy as np
 
 from planners.prediction.assumptions import MapAssumptions, SampleErrors
 from survey import ConfigError
-from survey.scoring.standards.map_classes import map_classes
 
 _LEAST_PROBABILITY, _MOST_PROBABILITY = 0.5, 0.999
 
@@ -64,20 +63,3 @@ class MapRequirement(ErrorLimit, MapAssumptions):
             raise ConfigError(
                 f"{self.n_simulations} simulations are too few for a probability; take 10 or more."
             )
-
-
-def reachable_class(rmse_m: float) -> str | None:
-    """Return the strictest map class of the paper's tables that an error meets.
-
-    `rmse_m`: root mean square error of a map [m]. Returns: class, contour interval and limit in words; None
-    where it meets none.
-
-    >>> reachable_class(0.25)
-    'Class 2 at a 1.829 m interval (0.3048 m)'
-    """
-    met = [row for row in map_classes() if rmse_m <= row.limit_m]
-    return (
-        f"{met[-1].map_class} at a {met[-1].interval_m:.4g} m interval ({met[-1].limit_m:.4f} m)"
-        if met
-        else None
-    )

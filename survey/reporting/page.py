@@ -33,7 +33,7 @@ from survey.reporting.survey_results import (
     SurveyResults,
 )
 from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
-from survey.scoring.standards.map_classes import Verdict, edition_2_sentence, judge, own_claim
+from survey.scoring.standards.map_classes import Verdict, edition_2_class, edition_2_sentence, own_claim
 
 
 def write_report(
@@ -505,7 +505,7 @@ def _elevation_rows(e: ErrorStatistics) -> list[TableRow]:
         TableRow(
             "Standard deviation",
             number(e.std_m, "m"),
-            f"relative error: what is left after removing the bias; {_relative_class(e)}",
+            f"relative error: what is left after removing the bias; {edition_2_class(e.std_m)}",
         ),
         TableRow("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
         TableRow(
@@ -522,12 +522,6 @@ def _elevation_rows(e: ErrorStatistics) -> list[TableRow]:
             "0 for normal errors, above 0 for rare large ones",
         ),
     ]
-
-
-def _relative_class(e: ErrorStatistics) -> str:
-    """Return the tightest class that the error without the bias meets, as text."""
-    met = [verdict for verdict in judge(e.std_m) if verdict.met]
-    return f"{met[-1].map_class} (limit {number(met[-1].limit_m, 'm')})" if met else "no class"
 
 
 def _calibration_rows(k: Calibration) -> list[TableRow]:

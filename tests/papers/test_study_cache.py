@@ -30,7 +30,7 @@ def state(folder):
 @pytest.mark.long
 def test_a_study_that_is_killed_at_any_change_of_a_file_is_the_old_or_the_new_one(tmp_path, monkeypatch):
     # The date and the times of a run differ from one process to the next.
-    monkeypatch.setattr(Began, "facts", lambda self, *, quick, **more: {"quick": quick, **more})
+    monkeypatch.setattr(Began, "facts", lambda _, *, quick, **more: {"quick": quick, **more})
     folder = tmp_path / "out" / "study"
     outputs = {}
     for quick in (False, True):

@@ -238,7 +238,8 @@ def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certif
     """State the classes of a map by its own claim.
 
     A class is met where the root mean square error is within its limit with a probability of at least 95 %, by
-    the posterior that follows from the joint covariance of the map's errors. The verdict is withheld where more than 5 %
+    the posterior that follows from the joint covariance of the map's errors. The sentences state the class of ASPRS
+    Edition 2, as `score` does; the verdicts are of the rows of `standard`. Both are withheld where more than 5 %
     of the ground lies farther from the points than those that were left out, as around a single swath.
 
     Parameters
@@ -308,14 +309,14 @@ def age_sentence(age: "MapAge") -> str:
 
     >>> from survey.reconstruction.motion.epoch import MapAge
     >>> print(*age_sentence(MapAge(3600.0, 2.0, 0.1, 0.05, 0.02, 0.3, 0.4)).split())
-    the ice moves by 2.00 ± 0.10 m a day and lowers by 0.050 ± 0.020 m a day; the map is that of 1.0 h, and left as it is, it meets Class 2 (limit 0.305 m) until 3.3 h after.
+    the ice moves by 2.00 ± 0.10 m a day and lowers by 0.050 ± 0.020 m a day; the map is that of 1.0 h, and left as it is, it meets Class 2 of ASPRS 1990 (limit 0.305 m) until 3.3 h after.
     """
     verdicts = judge(age.rmse_m)
     met = [verdict for verdict in verdicts if verdict.met]
-    ending = "it meets no class"
+    ending = "it meets no class of ASPRS 1990"
     if met:
         until_h = age.hours_within(met[-1].limit_m)
-        ending = f"left as it is, it meets {met[-1].map_class} (limit {met[-1].limit_m:.3f} m) until {until_h:.1f} h after"
+        ending = f"left as it is, it meets {met[-1].map_class} of ASPRS 1990 (limit {met[-1].limit_m:.3f} m) until {until_h:.1f} h after"
     return (
         f"the ice moves by {age.speed_m_per_day:.2f} ± {age.speed_sigma_m_per_day:.2f} m a day and lowers by "
         f"{age.lowering_m_per_day:.3f} ± {age.lowering_sigma_m_per_day:.3f} m a day; the map is that of "
@@ -333,23 +334,13 @@ def _verdicts(upper_m: float, standard: str, untested_share: float) -> tuple[Ver
 
 
 def _error(posterior: RmsePosterior, verdicts: tuple[Verdict, ...]) -> str:
-    """Return the expected error, its 95 % limit and the tightest class met, as text."""
-    met = [verdict for verdict in verdicts if verdict.met]
+    """Return the expected error, its 95 % limit and the class of that limit, or why none is stated, as text."""
     if any(verdict.is_withheld for verdict in verdicts):
         reason = verdicts[0].note.partition(". ")[0]
         stated = reason[0].lower() + reason[1:]
     else:
-        stated = _tightest(verdicts, met)
+        stated = f"{edition_2_class(posterior.upper_m)} by ASPRS Edition 2 (2024)"
     return (
         f"RMSE {posterior.expected_m:.3f} ± {posterior.sigma_m:.3f} m, below {posterior.upper_m:.3f} m with a "
         f"probability of {100.0 * CONFIDENCE:g} %, {stated}"
-    )
-
-
-def _tightest(verdicts: tuple[Verdict, ...], met: list[Verdict]) -> str:
-    """Return the tightest class met, or that none is, as text."""
-    return (
-        f"{met[-1].map_class} met (limit {met[-1].limit_m:.3f} m)"
-        if met
-        else f"no class met (loosest limit {verdicts[0].limit_m:.3f} m)"
     )

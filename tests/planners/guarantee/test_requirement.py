@@ -3,13 +3,8 @@ from dataclasses import replace
 import pytest
 
 from planners.guarantee.adaptive import AdaptiveConfig
-from planners.guarantee.requirement import MapRequirement, reachable_class
+from planners.guarantee.requirement import MapRequirement
 from survey.core.errors import ConfigError
-
-
-def test_what_is_reachable_is_named_by_its_class():
-    assert "0.3048 m" in str(reachable_class(0.25))
-    assert reachable_class(0.5) is None
 
 
 @pytest.mark.parametrize(

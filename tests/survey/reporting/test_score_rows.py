@@ -26,6 +26,6 @@ def test_a_map_without_a_claim_has_dashes_for_its_uncertainty(table):
     assert [row.value for row in table["Uncertainty"]] == ["–", "–"]
 
 
-def test_the_class_of_the_relative_error_is_the_tightest_that_is_met(table):
+def test_the_class_of_the_relative_error_is_by_the_newest_edition(table):
     (row,) = (row for row in table["Elevation"] if row.name == "Standard deviation")
-    assert "Class" in row.meaning
+    assert row.meaning.endswith("; 19.7 cm class")

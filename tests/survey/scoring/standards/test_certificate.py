@@ -36,14 +36,14 @@ def test_a_class_is_met_only_when_95_percent_of_errors_are_within_its_limit():
 
 def test_absolute_and_relative_errors_are_stated_with_class_and_deviation():
     absolute, relative, level = certificate(claimed(0.3, 0.05)).sentences
-    assert "no class met" in absolute
+    assert "60.2 cm class by ASPRS Edition 2" in absolute
     assert "its level errs by 0.300 m (1 σ), 97% of the squared error" in level
     assert (
         "0.076 m with one checkpoint, 0.058 m with one stake or RTK, 0.051 m with a known benchmark" in level
     )
     assert "not tested" in absolute
     assert "RMSE 0.050 ±" in relative
-    assert "Class 1 met" in relative
+    assert "cm class by ASPRS Edition 2" in relative
 
 
 def test_relative_error_is_that_without_the_offset():
