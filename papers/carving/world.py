@@ -57,8 +57,11 @@ class CarvingWorld:
         """Return the position (3,) of the sensor at a place [m]."""
         return np.array([*place, float(self.heights(np.array([place]))[0]) + SENSOR_HEIGHT_M])
 
-    def scan(self, views: tuple[tuple[float, float], ...], rng: Rng) -> SurfacePoints:
-        """Return the hits within the square of one turn of an HDL-64 at every place, ranges off by Gaussian noise."""
+    def scan(self, views: tuple[tuple[float, float], ...], rng: Rng, clutter_m: float = 0.0) -> SurfacePoints:
+        """Return the hits within the square of one turn of an HDL-64 at every place, ranges off by Gaussian noise.
+
+        `clutter_m`: standard deviation of the heights of hits on what stands on the ground [m].
+        """
         directions = Scanner.hdl_64().rays().reshape(-1, 3)
         hits, origins = [], []
         for place in views:
@@ -67,6 +70,8 @@ class CarvingWorld:
             met = np.isfinite(reached)
             measured = reached[met] + NOISE_M * rng.standard_normal(int(met.sum()))
             xyz = sensor + measured[:, None] * directions[met]
+            if clutter_m > 0.0:
+                xyz[:, 2] += clutter_m * rng.standard_normal(len(xyz))
             within = (np.abs(xyz[:, :2]) < HALF_M).all(axis=1)
             hits.append(xyz[within])
             origins.append(np.broadcast_to(sensor, hits[-1].shape))
@@ -84,12 +89,19 @@ class ScanTrial:
 
     @classmethod
     def new(
-        cls, name: str, seed: int, *, n_views: int = 1, n_train: int = N_TRAIN, n_test: int = N_TEST
+        cls,
+        name: str,
+        seed: int,
+        *,
+        n_views: int = 1,
+        n_train: int = N_TRAIN,
+        n_test: int = N_TEST,
+        clutter_m: float = 0.0,
     ) -> "ScanTrial":
-        """Scan a terrain, and split its hits."""
+        """Scan a terrain with clutter of this standard deviation [m], and split its hits."""
         world = CarvingWorld.new(name, seed)
         rng = stream(seed, "carving", name, "scan", n_views)
-        points = world.scan(VIEWS[:n_views], rng)
+        points = world.scan(VIEWS[:n_views], rng, clutter_m)
         order = rng.permutation(len(points))
         rank = np.argsort(order)
         train = points.select(rank < n_train)

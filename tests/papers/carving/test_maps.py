@@ -34,6 +34,14 @@ def test_terrains_are_known_by_their_seed_and_get_flatter() -> None:
     np.testing.assert_array_equal(again.train.xyz, ScanTrial.new("flat", 7, n_train=10, n_test=10).train.xyz)
 
 
+def test_clutter_scatters_hits_and_leaves_the_ground() -> None:
+    trial = ScanTrial.new("flat", 7, n_train=2000, n_test=10, clutter_m=0.25)
+    off = trial.train.z - trial.world.heights(trial.train.xy)
+    assert np.std(off) == pytest.approx(0.25, rel=0.05)
+    clear = ScanTrial.new("flat", 7, n_train=10, n_test=10)
+    np.testing.assert_array_equal(trial.reference, clear.reference)
+
+
 def test_the_lane_falls_by_five_degrees() -> None:
     x = np.linspace(0.0, 12.0, 200)
     z = downhill_drive().heights(np.column_stack([x, np.zeros_like(x)]))
