@@ -73,7 +73,7 @@ def undisturbed(folder: Path) -> dict[str, bytes]:
 @pytest.mark.reliability
 @pytest.mark.timeout(3600)  # every kill costs a start
 @pytest.mark.parametrize(
-    ("n_kills", "trials"), [(2, 200), pytest.param(20, 1500, marks=pytest.mark.exhaustive)]
+    ("n_kills", "trials"), [(1, 60), pytest.param(20, 1500, marks=pytest.mark.exhaustive)]
 )
 def test_killed_parents_and_workers_change_no_byte(tmp_path, n_kills, trials):
     (tmp_path / "s.toml").write_text(STUDY.format(trials=trials))
@@ -85,7 +85,7 @@ def test_killed_parents_and_workers_change_no_byte(tmp_path, n_kills, trials):
 @pytest.mark.reliability
 @pytest.mark.filterwarnings("ignore")  # dask and tornado warn while their workers are being killed
 @pytest.mark.parametrize(
-    ("killed_after", "trials"), [((1,), 100), pytest.param((1, 3), 300, marks=pytest.mark.exhaustive)]
+    ("killed_after", "trials"), [((1,), 50), pytest.param((1, 3), 300, marks=pytest.mark.exhaustive)]
 )
 def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path, killed_after, trials):
     distributed = pytest.importorskip("distributed")

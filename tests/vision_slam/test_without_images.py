@@ -62,11 +62,12 @@ def truth(motion: RoverMotion, time_s: FloatArray) -> FloatArray:
 
 @pytest.mark.long
 @pytest.mark.parametrize("has_gyro", [True, False])
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 8), marks=pytest.mark.exhaustive)])
 def test_paths_without_images_are_better_than_the_fixes_and_their_covariances_hold(
-    motion: RoverMotion, has_gyro: bool
+    motion: RoverMotion, has_gyro: bool, seeds: range
 ) -> None:
     squared, ratio = [], []
-    for seed in range(4):
+    for seed in seeds:
         drive = recorded(motion, seed)
         found = localize(drive if has_gyro else replace(drive, inertial=None))
         path = found.trajectory

@@ -18,8 +18,8 @@ from survey.reconstruction.gp.engine_choice import Conditioned, DividedSiteError
 from survey.reconstruction.gp.engines.regression import NoisyValues, Process, TrendName
 from survey.reconstruction.gp.kernel_average import lightened, with_evidence
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage
-from survey.reconstruction.gp.prior_measurements import CellMeans, ProcessWithCells
-from survey.reconstruction.gp.satellite_cells import SatelliteCells, in_blocks, judge_cells
+from survey.reconstruction.gp.prior_measurements import CellMeans, ProcessAtLevels, ProcessWithCells
+from survey.reconstruction.gp.satellite_cells import JudgedCells, SatelliteCells, in_blocks, judge_cells
 from survey.reconstruction.prior import PriorErrors
 from survey.reconstruction.prior_likelihood import misfit_log_likelihood
 
@@ -115,21 +115,25 @@ def _with_cells(parts: list[_Part], cells: SatelliteCells, errors: PriorErrors) 
     """
     means = [CellMeans(part.process, cells) for part in parts]
     judged = judge_cells(cells, errors, means[0].expected, means[0].covariance)
-    levels = [(judged.cells, 1.0)]
-    if judged.stated is not None:
-        stated = judged.stated.probability
-        levels = [(judged.cells, 1.0 - stated), (judged.stated.cells, stated)]
     evidence = [misfit_log_likelihood(judged.cells.misfits(one.expected, one.covariance)) for one in means]
     weights = with_evidence(np.array([part.kernel.weight for part in parts]), np.array(evidence))
     found = [
-        _Part(
-            part.kernel._replace(weight=float(weight) * probability),
-            ProcessWithCells(part.process, sized, judged.conflicts),
-        )
-        for part, weight in zip(parts, weights, strict=True)
-        for sized, probability in levels
+        _Part(part.kernel._replace(weight=float(weight)), _given(judged, over_cells))
+        for part, weight, over_cells in zip(parts, weights, means, strict=True)
     ]
     return sorted(found, key=lambda part: -part.kernel.weight)
+
+
+def _given(judged: JudgedCells, means: CellMeans) -> Process:
+    """Return a process given cells, at one level or at two with their probabilities."""
+
+    def at(cells: SatelliteCells) -> ProcessWithCells:
+        return ProcessWithCells(means.process, cells, judged.conflicts, means)
+
+    if judged.stated is None:
+        return at(judged.cells)
+    stated = judged.stated.probability
+    return ProcessAtLevels.of([at(judged.cells), at(judged.stated.cells)], np.array([1.0 - stated, stated]))
 
 
 def _around(site: Bounds, cells: SatelliteCells) -> Bounds:

@@ -27,6 +27,8 @@ from scipy.special import gammaln, k1, kve
 from survey.core import ConfigError, FloatArray
 
 _ALMOST_ISOTROPIC = float(np.nextafter(1.0, 2.0))
+# Pairs of points at once: their lags and covariances stay in the cache of a core.
+_IN_CACHE = 2**16
 
 
 class Kernel(ABC):
@@ -274,11 +276,14 @@ class Stationary(Kernel):
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
         """Return the covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
         (along_a, across_a), (along_b, across_b) = (self._along_and_across(xy) for xy in (xy_a, xy_b))
-        s2 = np.square(along_a[:, None] - along_b)
-        s2 += np.square(self.anisotropy * (across_a[:, None] - across_b))
-        s2 /= self.length_scale_m**2
-        covariance = self._correlation(s2)
-        covariance *= self.variance_m2
+        covariance = np.empty((len(along_a), len(along_b)))
+        rows = max(_IN_CACHE // max(len(along_b), 1), 1)
+        for start in range(0, len(along_a), rows):
+            block = slice(start, start + rows)
+            s2 = np.square(along_a[block, None] - along_b)
+            s2 += np.square(self.anisotropy * (across_a[block, None] - across_b))
+            s2 /= self.length_scale_m**2
+            np.multiply(self._correlation(s2), self.variance_m2, out=covariance[block])
         return covariance
 
     def spectral_density(self, omega: FloatArray) -> FloatArray:

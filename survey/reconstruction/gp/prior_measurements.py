@@ -11,7 +11,7 @@ and with it the weight of the prior: the map near dense points is that without a
 estimated from the innovations S - m(H). A mean over a cell is that of four Gauss nodes, exact for cubic relief.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -20,6 +20,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from survey.core import FloatArray, InputError
+from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.engines.regression import Process, means_of
 from survey.reconstruction.gp.satellite_cells import SatelliteCells
 
@@ -73,12 +74,14 @@ class ProcessWithCells(Process):
     """A process given points and the cells of a prior.
 
     `base`: process given the points. `cells`: cells with the sizes of their errors. `conflicts`: conflicts of cells and
-    points. Slopes are differences over a thousandth of the shortest length scale.
+    points. `means`: means of the process over these cells, where they are known. Slopes are differences over a thousandth of
+    the shortest length scale.
     """
 
     base: Process
     cells: SatelliteCells
     conflicts: tuple[str, ...] = ()
+    means: CellMeans | None = None
     solves_each_node: ClassVar = True
 
     def __post_init__(self) -> None:
@@ -86,8 +89,9 @@ class ProcessWithCells(Process):
         object.__setattr__(self, "data", self.base.data)
 
     @cached_property
-    def _means(self) -> CellMeans:
-        return CellMeans(self.base, self.cells)
+    def means_over_cells(self) -> CellMeans:
+        """Means of the process over the cells."""
+        return CellMeans(self.base, self.cells) if self.means is None else self.means
 
     @cached_property
     def _common(self) -> FloatArray:
@@ -97,21 +101,33 @@ class ProcessWithCells(Process):
     @cached_property
     def _factor(self) -> FloatArray:
         """Lower Cholesky factor of the innovations' covariance (C, C) [m]."""
-        total = self._means.covariance + self.cells.covariance + self._common @ self._common.T
+        total = self.means_over_cells.covariance + self.cells.covariance + self._common @ self._common.T
         factor: FloatArray = cholesky(total, lower=True)
         return factor
 
     @cached_property
     def _whitened(self) -> FloatArray:
         """Whitened innovations (C,)."""
-        innovations = self.cells.height - self._means.expected
+        innovations = self.cells.height - self.means_over_cells.expected
         whitened: FloatArray = solve_triangular(self._factor, innovations, lower=True)
         return whitened
 
     def _half(self, xy: FloatArray) -> FloatArray:
         """Return the whitened covariance of cells and places (C, M), whose squares are what the cells explain [m²]."""
-        half: FloatArray = solve_triangular(self._factor, self._means.with_places(xy), lower=True)
+        return self._whiten(self.means_over_cells.with_places(xy))
+
+    def _whiten(self, covariance: FloatArray) -> FloatArray:
+        """Return the covariance of cells and places (C, M) [m²] over the root of the innovations' covariance [m]."""
+        half: FloatArray = solve_triangular(self._factor, covariance, lower=True)
         return half
+
+    def given(
+        self, covariance: FloatArray, mean: FloatArray, variance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance (M,) given the cells, from those given the points and the covariance (C, M) with the cells."""
+        half = self._whiten(covariance)
+        left = variance - np.einsum("ij,ij->j", half, half)
+        return mean + half.T @ self._whitened, np.maximum(left, 0.0)
 
     @property
     def log_marginal_likelihood(self) -> float:
@@ -123,28 +139,15 @@ class ProcessWithCells(Process):
 
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance (M,) at places (M, 2)."""
-        mean, variance = self.base.predict(xy)
-        variance = self.base.surface_variance(variance, xy)
-        for start in range(0, len(xy), _BLOCK):
-            block = slice(start, start + _BLOCK)
-            half = self._half(xy[block])
-            mean[block] += half.T @ self._whitened
-            variance[block] -= np.einsum("ij,ij->j", half, half)
-        return mean, np.maximum(variance, 0.0)
+        return _in_blocks(xy, *_on_surface(self.base, xy), self._at)
 
     def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard deviation (H, W) on the nodes of two axes."""
-        mean, std = self.base.predict_on_axes(x, y)
-        rows = max(_BLOCK // len(x), 1)
-        for start in range(0, len(y), rows):
-            part = slice(start, start + rows)
-            nodes = np.stack(np.meshgrid(x, y[part]), axis=-1).reshape(-1, 2)
-            half = self._half(nodes)
-            mean[part] += (half.T @ self._whitened).reshape(-1, len(x))
-            variance = self.base.surface_variance(std[part].ravel() ** 2, nodes)
-            left = np.maximum(variance - np.einsum("ij,ij->j", half, half), 0.0)
-            std[part] = np.sqrt(left).reshape(-1, len(x))
-        return mean, std
+        return _on_axes(self.base, x, y, self._at)
+
+    def _at(self, xy: FloatArray, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance (M,) given the cells, from those given the points."""
+        return self.given(self.means_over_cells.with_places(xy), mean, variance)
 
     def gradient(self, xy: FloatArray) -> FloatArray:
         """Return the slope of the mean (M, 2) [m/m]."""
@@ -152,17 +155,23 @@ class ProcessWithCells(Process):
         return self.base.gradient(xy) + np.stack(rises, axis=-1)
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance (N,) that the other values and the cells predict for each value, its noise included.
+        """Return mean and variance (N,) that the other values and the cells predict for each value, its noise included."""
+        return self.without_each(self.base.leave_one_out(), self.means_over_cells.with_places(self.data.xy))
+
+    def without_each(
+        self, by_points: tuple[FloatArray, FloatArray], covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return `leave_one_out` from that of the points alone, and from the covariance (C, N) of cells and points [m²].
 
         With the variance p of the surface given all values and the total variance t of a value's noise, the prediction
         without the value errs by t / (t - p) of its residual.
         """
-        without, variance = self.base.leave_one_out()
+        without, variance = by_points
         noise = np.minimum(self.data.noise_m2, variance)
         # Variance at the points given all points, from that without the point: p = t - t² / v.
         given = np.maximum(noise - noise**2 / variance, 0.0)
         residual = (self.data.values - without) * noise / variance
-        half = self._half(self.data.xy)
+        half = self._whiten(covariance)
         given = np.maximum(given - np.einsum("ij,ij->j", half, half), 0.0)
         residual = residual - half.T @ self._whitened
         share = noise / np.maximum(noise - given, 1e-9 * noise)
@@ -170,7 +179,7 @@ class ProcessWithCells(Process):
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
         """Return the process that is conditioned on more values, at the same sizes of the cells' errors."""
-        return replace(self, base=self.base.update(xy, values, sigma_m))
+        return replace(self, base=self.base.update(xy, values, sigma_m), means=None)
 
     def record(self) -> dict[str, Any]:
         """Return name and resolution of the engine, and the number of cells."""
@@ -229,3 +238,81 @@ class ProcessWithCells(Process):
             "prior_conflicts": list(self.conflicts),
             **self.cells.common_facts(value, covariance),
         }
+
+
+@dataclass(frozen=True)
+class ProcessAtLevels(AveragedProcess):
+    """Average of one process given the same cells at several levels; what the levels share is computed once.
+
+    `parts`: processes with cells, which have their base and their means in common.
+    """
+
+    parts: tuple[ProcessWithCells, ...]
+
+    @classmethod
+    def of(cls, parts: Sequence[ProcessWithCells], probabilities: FloatArray) -> Self:
+        """Return the average, the most probable level first."""
+        order = np.argsort(-probabilities, kind="stable")
+        some = tuple(parts[k] for k in order)
+        return cls(some, probabilities[order], np.zeros(len(some)), (None,) * len(some))
+
+    def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance (M,) at places (M, 2)."""
+        return _in_blocks(xy, *_on_surface(self.parts[0].base, xy), self._at)
+
+    def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard deviation (H, W) on the nodes of two axes."""
+        return _on_axes(self.parts[0].base, x, y, self._at)
+
+    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance (N,) that the other values predict for each value, its noise included."""
+        first = self.parts[0]
+        by_points, covariance = first.base.leave_one_out(), first.means_over_cells.with_places(self.data.xy)
+        every = [part.without_each(by_points, covariance) for part in self.parts]
+        return self._moments(self.data.xy, [mean for mean, _ in every], [variance for _, variance in every])
+
+    def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
+        """Return the average that is conditioned on more values."""
+        base = self.parts[0].base.update(xy, values, sigma_m)
+        means = CellMeans(base, self.parts[0].cells)
+        return replace(self, parts=tuple(replace(part, base=base, means=means) for part in self.parts))
+
+    def _at(self, xy: FloatArray, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance (M,) of the average, from those given the points."""
+        covariance = self.parts[0].means_over_cells.with_places(xy)
+        every = [part.given(covariance, mean, variance) for part in self.parts]
+        return self._moments(xy, [mean for mean, _ in every], [variance for _, variance in every])
+
+
+_GivenCells = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+def _on_surface(base: Process, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and variance (M,) of the surface given the points."""
+    mean, variance = base.predict(xy)
+    return mean, base.surface_variance(variance, xy)
+
+
+def _in_blocks(
+    xy: FloatArray, mean: FloatArray, variance: FloatArray, given: _GivenCells
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and variance (M,) given the cells, block by block, from those given the points."""
+    for start in range(0, len(xy), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        mean[block], variance[block] = given(xy[block], mean[block], variance[block])
+    return mean, variance
+
+
+def _on_axes(
+    base: Process, x: FloatArray, y: FloatArray, given: _GivenCells
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation (H, W) given the cells on the nodes of two axes, some rows at once."""
+    mean, std = base.predict_on_axes(x, y)
+    rows = max(_BLOCK // len(x), 1)
+    for start in range(0, len(y), rows):
+        part = slice(start, start + rows)
+        nodes = np.stack(np.meshgrid(x, y[part]), axis=-1).reshape(-1, 2)
+        variance = base.surface_variance(std[part].ravel() ** 2, nodes)
+        found, left = given(nodes, mean[part].ravel(), variance)
+        mean[part], std[part] = found.reshape(-1, len(x)), np.sqrt(left).reshape(-1, len(x))
+    return mean, std

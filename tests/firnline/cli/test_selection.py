@@ -40,12 +40,15 @@ def run(*args: str, code: int = 0) -> str:
 
 
 SEASON = ("--season", "0.5", "--dates", "2026-05-01,2026-09-20", "--surface", "snow")
+# A kernel that is given: what is chosen is the glacier.
+KNOWN = ("fit=false", "variance_m2=100.0", "length_scale_m=100.0")
+GIVEN = [word for setting in KNOWN for word in ("--set", f"reconstruction.gp.{setting}")]
 DOORS = {
     "plan": ("plan", "rgi.gpkg", "--prior", "prior.tif", "-o", "out.geojson"),
     "guarantee": ("plan", "rgi.gpkg", "--prior", "prior.tif", "--require", "1.0", "-o", "out.geojson"),
     "season": ("plan", "rgi.gpkg", "--prior", "prior.tif", *SEASON, "-o", "out.geojson"),
     "reconstruct": (
-        "reconstruct", "points.gpkg", "--prior", "prior.tif", "--grid", "20", "--area", "rgi.gpkg", "-o", "out",
+        "reconstruct", "points.gpkg", "--prior", "prior.tif", "--grid", "20", "--area", "rgi.gpkg", "-o", "out", *GIVEN,
     ),
     "score": ("score", "later.tif", "--truth", "prior.tif", "--area", "rgi.gpkg"),
     "export": ("export", "rgi.gpkg", "out.kml"),

@@ -215,7 +215,7 @@ def test_rovers_in_images_share_one_map_that_holds_the_ground(tmp_path):
     assert score["elevation"]["rmse_m"] < facts.claim.absolute.upper_m < 0.5
 
 
-@pytest.mark.long
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_rovers_drive_with_images_and_one_that_stalls_is_replaced(tmp_path):
     config = in_images(faults=(STOPPED | {"from_s": 12.0},), fleet={"rovers": 2, "on_loss": "replan"})

@@ -67,7 +67,7 @@ def test_a_delay_found_with_images_worse_than_the_fixes_is_undone(wandering: Dri
     assert np.abs(path[::5] - gps.position).max() < 1e-6
 
 
-@pytest.mark.long
+@pytest.mark.exhaustive
 def test_images_that_only_a_much_wider_error_fits_are_replaced_too() -> None:
     """51 images of a turn of 98 degrees at 10 m/s, of which the odometry makes a straight line that slows down."""
     east = np.array([0.0, 8.38, 17.07, 26.32, 34.42, 40.58])

@@ -18,7 +18,7 @@ from survey.reconstruction.gp.engines.regression import DenseGaussianProcess, Pr
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters
-from survey.reconstruction.gp.prior_measurements import ProcessWithCells
+from survey.reconstruction.gp.prior_measurements import ProcessAtLevels, ProcessWithCells
 from survey.reconstruction.gp.satellite_cells import SatelliteCells
 from survey.reconstruction.prior import SatelliteErrors
 from survey.reconstruction.prior_likelihood import ErrorSizes
@@ -73,7 +73,7 @@ def test_points_and_cells_are_conditioned_on_as_one_set_of_measurements(engine: 
     places = np.random.default_rng(3).uniform(0.0, SIDE_M, (30, 2))
     mean, variance = given.predict(places)
     # The same by one dense system: a cell is the mean of its four Gauss nodes.
-    nodes = given._means.nodes
+    nodes = given.means_over_cells.nodes
     total = np.concatenate([points.xy, nodes])
     operator = np.zeros((len(points) + len(cells), len(total)))
     operator[: len(points), : len(points)] = np.eye(len(points))
@@ -123,6 +123,24 @@ def test_leaving_one_out_is_a_fit_without_it() -> None:
         without = ProcessWithCells(process(points.select(others)), cells).predict(points.xy[[k]])
         assert mean[k] == pytest.approx(without[0][0], abs=1e-6)
         assert variance[k] == pytest.approx(without[1][0] + SIGMA_M**2, rel=1e-5)
+
+
+def test_levels_that_share_their_cells_are_averaged_as_processes_of_their_own() -> None:
+    points, dem = survey_points(60.0), prior(offset_m=8.0)
+    base, cells = process(points), sized(SatelliteCells.of(dem, dem.crs, GRID.bounds, ERRORS))
+    levels = [ProcessWithCells(base, cells.with_free_level(80.0)), ProcessWithCells(base, cells)]
+    shared = ProcessAtLevels.of(levels, np.array([0.3, 0.7]))
+    apart = AveragedProcess(tuple(levels[::-1]), np.array([0.7, 0.3]), np.zeros(2), (None, None))
+    assert np.abs(levels[0].predict(GRID.xy)[0] - levels[1].predict(GRID.xy)[0]).max() > 0.01
+    more = np.array([[101.0, 44.0]]), np.array([3.0]), np.array([0.1])
+    for one, other in ((shared, apart), (shared.update(*more), apart.update(*more))):
+        for found, expected in (
+            (one.predict(GRID.xy), other.predict(GRID.xy)),
+            (one.predict_on_axes(GRID.x, GRID.y), other.predict_on_axes(GRID.x, GRID.y)),
+            (one.leave_one_out(), other.leave_one_out()),
+        ):
+            np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
+            np.testing.assert_allclose(found[1], expected[1], atol=1e-9)
 
 
 def rmse(dem: Dem) -> float:

@@ -32,7 +32,7 @@ def quiet(laz_files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> st
 
 @pytest.mark.long
 @pytest.mark.parametrize("n", [1, pytest.param(10, marks=pytest.mark.exhaustive)])
-@pytest.mark.parametrize("kill", [workers_killed, command_killed])
+@pytest.mark.parametrize("kill", [pytest.param(workers_killed, marks=pytest.mark.exhaustive), command_killed])
 def test_kills_change_no_byte(
     kill: Callable[[list[str], Path, int], int], n: int, laz_files: list[Path], quiet: str, tmp_path: Path
 ) -> None:
@@ -41,7 +41,7 @@ def test_kills_change_no_byte(
     assert digest(out) == quiet
 
 
-@pytest.mark.long
+@pytest.mark.exhaustive
 def test_after_a_killed_scheduler_the_same_command_goes_on_to_the_same_bytes(
     laz_files: list[Path], quiet: str, tmp_path: Path
 ) -> None:
