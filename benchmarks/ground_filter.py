@@ -150,7 +150,8 @@ def measure() -> None:
         for program, find in chosen.items():
             began = time.process_time()
             found = find(cloud)
-            row[program] = {**cloud.scores(found), "cpu_s": round(time.process_time() - began, 1)}
+            cpu_s = round(time.process_time() - began, 1)
+            row[program] = {**cloud.scores(found), "cpu_s": cpu_s}
         rows.append(row)
         print(json.dumps(row))
     run.write({"command": "python -m benchmarks.ground_filter", "programs": list(chosen), "clouds": rows})
