@@ -80,7 +80,8 @@ def read_points(request: MapRequest) -> PointInputs:
         ]
         parts = [each.points for each in sound]
     else:
-        sound = [_sound_points(request, file) for file in options.sources]
+        read = [_noted_points(request, file) for file in options.sources]
+        sound, notes = [each for each, _ in read], tuple(note for _, each in read for note in each)
         parts = [each.points for each in sound]
         paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]
     errors = [path.error for path in paths] or [None]
@@ -99,17 +100,21 @@ def read_points(request: MapRequest) -> PointInputs:
     return PointInputs(drives, grid, area, paths, prior, blunders, notes)
 
 
-def _sound_points(request: MapRequest, file: Path) -> SoundPoints:
-    """Read points without gross blunders of their heights; refuse feet, and far places where no area is named."""
+def _noted_points(request: MapRequest, file: Path) -> tuple[SoundPoints, tuple[str, ...]]:
+    """Read points without gross blunders of their heights, and what is to be known of them; refuse feet, and far places where no area is named."""
     options = request.options
-    points = survey.SurfacePoints.read(
+    points, notes = survey.SurfacePoints.read_noted(
         file,
         crs=options.crs,
         sigma_m=options.sigma_m,
         columns=parse_columns(options.columns, layout=options.layout),
         units=options.units,
+        ground=options.ground,
     )
-    return sound_points(points, options.value or ELEVATION, has_area=options.area is not None, file=str(file))
+    sound = sound_points(
+        points, options.value or ELEVATION, has_area=options.area is not None, file=str(file)
+    )
+    return sound, notes
 
 
 class _Ground(NamedTuple):

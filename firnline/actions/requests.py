@@ -238,6 +238,14 @@ class ReconstructRequest(RunOptions, PictureOptions):
     ] = field(default_factory=list)
     layout: Layout = None
     units: Lengths = None
+    ground: Annotated[
+        Literal["auto", "all", "classified"],
+        Option(
+            "--ground",
+            help="Points of LAS/LAZ to map: auto takes the classified ground, or filters it where no point is classified as ground; "
+            "classified refuses such files; all takes every point but noise, withheld and synthetic ones.",
+        ),
+    ] = "auto"
     trajectories: Annotated[
         list[Path],
         Option(

@@ -195,6 +195,7 @@ def _refuse_unused(options: ReconstructRequest) -> None:
         "--rays": options.rays or None,
         "--max-slope": options.max_slope_deg,
         "--product": options.product,
+        "--ground": None if options.ground == "auto" else options.ground,
     }
     for name, value in unused.items():
         if value is not None:

@@ -5,6 +5,7 @@ format become such points: places in degrees are projected, and the uncertainty 
 or one of the standard deviation.
 """
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,8 +32,10 @@ from survey.core import (
 from survey.core.crs import datum_of_file, is_local, known_crs, refuse_degrees, refuse_exchanged
 from survey.core.transformation import chosen_crs, metric_crs, transformed
 from survey.data.conversions import draw_points, drawing, html_table, to_geodataframe, value_range
+from survey.data.ground_filter import filter_ground
+from survey.io.point_classes import Ground, choose_points
 from survey.io.point_files import read_point_table, write_point_table
-from survey.io.point_table import PLACE, SIGMA, PointTable, ground_of, log_projection, once_each
+from survey.io.point_table import PLACE, SIGMA, PointTable, log_projection, once_each
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -179,12 +182,13 @@ class SurfacePoints(DataObject):
         vertical_datum: str | None = None,
         columns: Mapping[str, str] | None = None,
         units: str | None = None,
+        ground: Ground | None = "auto",
     ) -> Self:
         """Read points from text tables (CSV, TXT, TSV, XYZ), vector files (GeoPackage, GeoJSON, Shapefile), LAS, LAZ or PLY.
 
-        Of LAS and LAZ with classes the points of the ground (class 2) are read; where it is not classified, all but
-        noise (classes 7 and 18) and withheld points. Rows that repeat another in every column count once. The log states how many
-        are left out.
+        Of LAS and LAZ with classes the points of the ground (classes 2 and 8) are read; where it is not classified, those that a
+        filter finds (`survey.data.ground_filter`). Noise (classes 7 and 18), overlap (class 12), withheld and synthetic points are
+        left out. Rows that repeat another in every column count once. The log states how many are left out.
 
         Columns are ``x_m``, ``y_m``, ``z_m`` (the geometry, where the format has one), and
         for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
@@ -210,6 +214,9 @@ class SurfacePoints(DataObject):
         units : {"m", "ft", "us-ft"}, optional
             Unit of heights and their standard deviations where neither column, header nor CRS states it. Places and heights
             in feet are converted to metres, and the log states it.
+        ground : {"auto", "all", "classified"}, optional
+            Of LAS and LAZ: ``all`` reads every point but those that are never used, ``classified`` refuses files without
+            points of the ground. None reads classified ground or all, without a filter, as scans of a vehicle need it.
 
         Raises
         ------
@@ -217,11 +224,54 @@ class SurfacePoints(DataObject):
             The file is missing, empty or damaged, lacks a column or the uncertainty,
             holds NaN, is in degrees or names no CRS.
         """
+        points, notes = cls.read_noted(
+            path,
+            crs=crs,
+            sigma_m=sigma_m,
+            vertical_datum=vertical_datum,
+            columns=columns,
+            units=units,
+            ground=ground,
+        )
+        for note in notes:
+            logging.getLogger(__name__).warning(note)
+        return points
+
+    @classmethod
+    def read_noted(
+        cls,
+        path: str | Path,
+        *,
+        crs: Any = None,
+        sigma_m: float | None = None,
+        vertical_datum: str | None = None,
+        columns: Mapping[str, str] | None = None,
+        units: str | None = None,
+        ground: Ground | None = "auto",
+    ) -> tuple[Self, tuple[str, ...]]:
+        """Read points as `read` does, and return what is to be known of the points of the ground instead of logging it.
+
+        Parameters
+        ----------
+        path, crs, sigma_m, vertical_datum, columns, units, ground
+            As `read` takes them.
+
+        Returns
+        -------
+        points : SurfacePoints
+            Points of the ground.
+        notes : tuple of str
+            How many points are left out, by reason, and how the ground was found; none where all are used.
+        """
         try:
             read = read_point_table(path, columns, crs=crs, units=units)
             crs = None if crs is None else metric_crs(crs, str(path)).crs
-            table = project_table(once_each(ground_of(read, str(path)), str(path)), crs, str(path))
-            return cls._from_table(table, crs, sigma_m, vertical_datum)
+            chosen = choose_points(read, ground, str(path))
+            table = project_table(once_each(chosen.table, str(path)), crs, str(path))
+            if ground == "auto" and ORIGIN[0] not in table.columns:
+                chosen = filter_ground(chosen._replace(table=table))
+                table = chosen.table
+            return cls._from_table(table, crs, sigma_m, vertical_datum), chosen.notes(str(path))
         except InputError as error:
             message = str(error)
             raise InputError(message if str(path) in message else f"{path}: {message}") from error

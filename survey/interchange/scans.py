@@ -132,7 +132,7 @@ def _read_table(
     file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None, units: str | None
 ) -> SurfacePoints:
     if track is None:
-        return SurfacePoints.read(file, crs=crs, sigma_m=sigma_m, units=units)
+        return SurfacePoints.read(file, crs=crs, sigma_m=sigma_m, units=units, ground=None)
     table = read_point_table(file, crs=crs, units=units)
     crs = None if crs is None else metric_crs(crs, f"the scan {file}").crs
     columns = table.columns

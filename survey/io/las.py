@@ -19,10 +19,11 @@ from pyproj.crs import Datum  # type: ignore[attr-defined]  # pyproj lists no ex
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
-from survey.core import UNSTATED, BoolArray, InputError, existing_file, refusing_damage, replacing
+from survey.core import UNSTATED, InputError, existing_file, refusing_damage, replacing
 from survey.core.crs import ELLIPSOIDAL, datum_named, vertical_datum_of
 from survey.core.transformation import metric_crs
 from survey.io.arrays_file import checksum, refuse_altered
+from survey.io.point_classes import EARLIER, SYNTHETIC, WITHHELD
 from survey.io.point_table import (
     CRC,
     DATUM,
@@ -33,8 +34,6 @@ from survey.io.point_table import (
     check_count,
 )
 
-GROUND, NOISE = 2, (7, 18)
-"""Classes of LAS."""
 # LAS stores coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _COARSE_STEP_M = 0.05
@@ -78,7 +77,7 @@ def read_las(path: Path, named: Any = None) -> PointTable:
             crc = record.record_data.decode("utf-8", "replace")
             refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
             return PointTable(columns, crs, datum, lengths=lengths)  # without classes
-    return PointTable(columns, crs, datum, _is_ground(las), lengths)
+    return PointTable(columns, crs, datum, classes_of(las), lengths)
 
 
 def _say_steps(header: Any, file: Path) -> None:
@@ -192,22 +191,18 @@ def _geo_keys(header: Any) -> dict[int, Any]:
     return found
 
 
-def _is_ground(las: Any) -> BoolArray | None:
-    """Return which points are of the ground where it is classified, else which are no noise; None for all."""
-    classes = classes_of(las)
-    found: BoolArray = ~np.isin(classes, NOISE)
-    if (classes == GROUND).any():
-        found = classes == GROUND
-    return None if found.all() else found
+def classes_of(points: Any) -> npt.NDArray[np.uint16]:
+    """Return the classes (N,) of points of laspy, with the codes of `survey.io.point_classes` for flags and earlier returns.
 
-
-def classes_of(points: Any) -> npt.NDArray[np.uint8]:
-    """Return the classes (N,) of points of laspy; withheld points count as noise.
-
-    Returns (N,): as LAS numbers them.
+    Where all points are synthetic, as those of photogrammetry may be, that flag states nothing about one of them.
     """
-    classes: npt.NDArray[np.uint8] = np.array(points.classification, dtype=np.uint8)
-    classes[np.asarray(points.withheld, dtype=np.bool_)] = NOISE[0]
+    classes: npt.NDArray[np.uint16] = np.array(points.classification, dtype=np.uint16)
+    is_earlier = np.asarray(points.return_number) < np.asarray(points.number_of_returns)
+    classes[is_earlier & (classes <= 1)] = EARLIER
+    is_synthetic = np.asarray(points.synthetic, dtype=np.bool_)
+    if not is_synthetic.all():
+        classes[is_synthetic] = SYNTHETIC
+    classes[np.asarray(points.withheld, dtype=np.bool_)] = WITHHELD
     return classes
 
 

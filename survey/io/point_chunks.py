@@ -155,13 +155,13 @@ class PointChunk(NamedTuple):
     """Some points of a file.
 
     `xyz` (N, 3): easting, northing and elevation [m], in the file's CRS. `strip` (N,): number of the flight
-    line (the point source of LAS); 0 where the file states none. `classes` (N,): classes of LAS, withheld
-    points as noise; 0 where the file states none.
+    line (the point source of LAS); 0 where the file states none. `classes` (N,): classes of LAS with the codes of
+    `survey.io.point_classes`; 0 where the file states none.
     """
 
     xyz: FloatArray
     strip: npt.NDArray[np.uint16]
-    classes: npt.NDArray[np.uint8]
+    classes: npt.NDArray[np.uint16]
 
 
 def chunked_files(sources: list[Path]) -> list[Path]:
@@ -233,7 +233,7 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
     for part in columns(file, first, n, CHUNK_POINTS):
         zero = np.zeros(len(part.xyz), np.uint16)
         strip = zero if part.strip is None else part.strip
-        yield PointChunk(part.xyz, strip, np.zeros(len(part.xyz), np.uint8))
+        yield PointChunk(part.xyz, strip, np.zeros(len(part.xyz), np.uint16))
 
 
 def _las_facts(file: Path, named: Any) -> PointFileFacts:

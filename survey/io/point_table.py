@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from pyproj import CRS
 
 from survey.core import UNSTATED, BoolArray, CapacityError, FloatArray, InputError, IntArray
@@ -167,15 +168,25 @@ _SAME_PLACE_M = 0.01
 class PointTable(NamedTuple):
     """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them.
 
-    ``is_ground`` (N,) is true for points of the ground, by their classes; None where all are of the ground.
+    ``classes`` (N,): of LAS, with the codes of `survey.io.point_classes`; None where the file has none.
     ``lengths``: metres in a unit of a column, where the file states it; `table_in_metres` converts by them.
     """
 
     columns: dict[str, FloatArray]
     crs: Any = None
     vertical_datum: str = UNSTATED
-    is_ground: BoolArray | None = None
+    classes: npt.NDArray[np.uint16] | None = None
     lengths: Mapping[str, float] = {}
+
+    @property
+    def n(self) -> int:
+        """Number of points."""
+        return len(self.columns[PLACE[0]])
+
+    def select(self, kept: BoolArray | IntArray) -> "PointTable":
+        """Return the points at which `kept` is true, or whose numbers it holds."""
+        columns = {name: column[kept] for name, column in self.columns.items()}
+        return self._replace(columns=columns, classes=None if self.classes is None else self.classes[kept])
 
 
 # Columns that count in the unit of the eastings and northings, and in that of the heights, where nothing else is stated.
@@ -271,24 +282,6 @@ def _agreed_unit(stated: float | None, of_crs: float | None, what: str, where: s
     )
 
 
-def ground_of(table: PointTable, where: str) -> PointTable:
-    """Return the points of the ground alone, and log how many others are left out."""
-    if table.is_ground is None:
-        return table
-    kept = table.is_ground
-    if not kept.any():
-        raise InputError(f"{where} holds noise and withheld points alone; no ground can be mapped from it.")
-    logging.getLogger(__name__).warning(
-        "%s: %d of %d points are used: those of the ground (class 2), or where it is not classified all but noise "
-        "(classes 7 and 18) and withheld ones.",
-        where,
-        int(kept.sum()),
-        len(kept),
-    )
-    columns = {name: column[kept] for name, column in table.columns.items()}
-    return table._replace(columns=columns, is_ground=None)
-
-
 # Odd numbers without a pattern: equal sums of other rows are as rare as chance makes them.
 _SCRAMBLE = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
@@ -316,10 +309,7 @@ def once_each(table: PointTable, where: str) -> PointTable:
         len(x),
     )
     kept = np.setdiff1d(np.arange(len(x)), order[repeats])
-    columns = {name: column[kept] for name, column in table.columns.items()}
-    return table._replace(
-        columns=columns, is_ground=None if table.is_ground is None else table.is_ground[kept]
-    )
+    return table.select(kept)
 
 
 def _may_repeat(*columns: FloatArray) -> IntArray:

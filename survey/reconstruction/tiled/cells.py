@@ -23,6 +23,7 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter, unifo
 from survey.core import BoolArray, FloatArray, InputError, IntArray, replacing
 from survey.core.files import write_refusal
 from survey.io.point_chunks import PointChunk, read_chunks
+from survey.io.point_classes import is_left_out
 from survey.reconstruction.observations import (
     LEAST_TESTED,
     MOST_TESTED,
@@ -101,7 +102,6 @@ def strip_name(key: int) -> str:
 POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("strip", "<u4")])
 """A sorted point: millimetres from the tile's south-west corner, height in millimetres, and the key of its strip."""
 STEP_M = 1e-3
-_NOISE = (7, 18)
 _HIGHEST_M = 2.0e6
 
 
@@ -162,7 +162,7 @@ def _is_used(chunk: PointChunk, ground_class: int | None) -> BoolArray:
     if ground_class is not None:
         of_ground: BoolArray = chunk.classes == ground_class
         return of_ground
-    return ~np.isin(chunk.classes, _NOISE)
+    return ~is_left_out(chunk.classes)
 
 
 def _records(

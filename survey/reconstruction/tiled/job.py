@@ -5,6 +5,7 @@ it from point files and an extent, and refuses files without a common projected 
 request with that of a run that was broken off, and `require_disk` refuses work for which the disk is too full.
 """
 
+import logging
 import shutil
 import zlib
 from collections.abc import Sequence
@@ -185,6 +186,12 @@ def tiled_job(
     pieces = []
     for number, (file, own, in_file) in enumerate(zip(files, facts, metres, strict=True)):
         ground = config.ground_class if holds_class(file, own.n_points, config.ground_class) else None
+        if ground is None and file.suffix.lower() in (".las", ".laz"):
+            logging.getLogger(__name__).warning(
+                "%s: no point is classified as ground (class %d), and maps in tiles do not filter: all points but noise are mapped.",
+                file,
+                config.ground_class,
+            )
         pieces += pieces_of(file.absolute(), number, own.n_points, ground, in_file)
     return TiledJob(
         layout, config, folder.absolute(), tuple(pieces), common.to_wkt(), datum, control or Control.none()

@@ -14,6 +14,7 @@ from survey.core.errors import InputError
 from survey.interchange.conversion import convert
 from survey.io.las import read_las
 from survey.io.point_chunks import read_chunks
+from survey.io.point_classes import WITHHELD
 from survey.io.point_files import read_ply
 
 N = 40
@@ -54,9 +55,44 @@ def test_ground_alone_becomes_surface_points(
     assert f"{N // 2} of {N} points are used" in caplog.text
 
 
-@pytest.mark.parametrize("code", [0, 1, 2])
-def test_points_of_one_class_are_all_read(tmp_path: Path, code: int) -> None:
-    assert len(SurfacePoints.read(cloud(tmp_path / "a.las", code), sigma_m=0.1)) == N
+@pytest.mark.parametrize(
+    ("code", "ground", "n"),
+    [(0, "auto", N // 2), (1, "auto", N // 2), (2, "auto", N), (2, "classified", N)]
+    + [(0, "all", N), (2, "all", N), (5, "all", N), (1, None, N)],
+)
+def test_points_of_one_class_are_all_read_where_it_is_ground_or_all_are_wanted(
+    tmp_path: Path, code: int, ground: Any, n: int
+) -> None:
+    assert len(SurfacePoints.read(cloud(tmp_path / "a.las", code), sigma_m=0.1, ground=ground)) == n
+
+
+def test_classified_ground_is_asked_for_and_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.las holds no point that is classified as ground"):
+        SurfacePoints.read(cloud(tmp_path / "a.las", 1), sigma_m=0.1, ground="classified")
+
+
+def test_points_that_are_left_out_are_counted_by_reason(tmp_path: Path) -> None:
+    classes = np.where(ODD, 1, 2)
+    classes[:5] = (7, 18, 12, 8, 6)
+    file = cloud(tmp_path / "a.las", classes)
+    las = laspy.read(file)
+    las.synthetic = np.arange(N) == 6
+    las.withheld = np.arange(N) == 8
+    las.write(str(file))
+    points, notes = SurfacePoints.read_noted(file, sigma_m=0.1)
+    assert len(points) == 16
+    (note,) = notes
+    assert "16 of 40 points are used, ground by class; left out: " in note
+    for part in ("19 of other classes", "2 noise", "1 overlap", "1 withheld", "1 synthetic"):
+        assert part in note
+
+
+def test_a_flag_of_all_points_leaves_none_out(tmp_path: Path) -> None:
+    file = cloud(tmp_path / "a.las", 2)
+    las = laspy.read(file)
+    las.synthetic = np.ones(N, dtype=np.uint8)
+    las.write(str(file))
+    assert len(SurfacePoints.read(file, sigma_m=0.1)) == N
 
 
 def test_noise_alone_is_refused(tmp_path: Path) -> None:
@@ -70,9 +106,9 @@ def test_a_conversion_keeps_every_point(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["las", "laz"])
-def test_withheld_points_are_noise_in_chunks(tmp_path: Path, ending: str) -> None:
+def test_withheld_points_are_marked_in_chunks(tmp_path: Path, ending: str) -> None:
     (chunk,) = read_chunks(cloud(tmp_path / f"a.{ending}", 2, ODD), 0, N)
-    assert chunk.classes.tolist() == np.where(ODD, 7, 2).tolist()
+    assert chunk.classes.tolist() == np.where(ODD, WITHHELD, 2).tolist()
 
 
 def test_coordinates_that_32_bits_round_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
