@@ -17,7 +17,7 @@ import numpy as np
 from mcap.writer import Writer
 from pyproj import CRS
 
-from live.foxglove import SCHEMAS, xyz
+from live.foxglove import NANO, SCHEMAS, named, stamped, xyz
 from live.watch.log import replayed_states
 from live.watch.survey_watch import SurveyWatch
 from sim.mission.fleet import drive_folders
@@ -25,8 +25,7 @@ from survey import Grid, InputError, Reconstruction, Recording, Route, SurfacePo
 from survey.core import FloatArray, replacing
 from survey.core.run_folder import RunFolder
 
-
-_NANO, _FLOAT32 = 10**9, 7
+_FLOAT32 = 7
 _FRAME = "local"
 
 
@@ -57,9 +56,7 @@ class McapMessages:
             text = json.dumps(SCHEMAS[schema]).encode()
             kind = self.writer.register_schema(f"foxglove.{schema}", "jsonschema", text)
             self._channels[topic] = self.writer.register_channel(topic, "json", kind)
-        stamp = round(time_s * _NANO)
-        at = {"sec": stamp // _NANO, "nsec": stamp % _NANO}
-        data = json.dumps({"timestamp": at, "frame_id": _FRAME, **content}).encode()
+        stamp, data = round(time_s * NANO), json.dumps(stamped(time_s, _FRAME, content)).encode()
         self.writer.add_message(self._channels[topic], stamp, data, stamp)
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
@@ -172,7 +169,7 @@ def _write_path(mcap: McapMessages, topic: str, drive: Trajectory) -> None:
 def _poses(mcap: McapMessages, drive: Trajectory) -> list[dict[str, Any]]:
     """Return the poses of a path in the local frame."""
     return [
-        {"position": xyz(position), "orientation": dict(zip("xyzw", turn.tolist(), strict=True))}
+        {"position": xyz(position), "orientation": named("xyzw", turn)}
         for position, turn in zip(drive.position - mcap.origin, drive.quaternion, strict=True)
     ]
 

@@ -1,30 +1,35 @@
 """Run the stages of missions, draw their reports, and summarize them."""
 
 import logging
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from firnline.actions.interface import (
     Preview,
     Result,
     WrittenResult,
     fact_line,
+    needs_live_extra,
     previewed_by,
     refuse_existing,
 )
 from firnline.actions.requests import InitRequest, ReportRequest, RunOptions, RunRequest, SimulateRequest
 from firnline.actions.scoring import best_class, class_met
+from sim.config.mission import MissionConfig
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
 from sim.world.site import SharedWorld
-from survey import ConfigError, Dem, InputError, Reconstruction
-from survey.core import read_json, replacing
+from survey import ConfigError, Dem, InputError, Reconstruction, Route
+from survey.core import read_json, replacing, write_json
 from survey.core.documents import cut_incomplete_line, log_line, read_log
 from survey.core.replacement import resolved
 from survey.core.run_folder import STAGES, RunFolder
@@ -191,20 +196,112 @@ def _first(request: RunRequest) -> str | None:
     return "plan" if request.fresh else request.first
 
 
-def simulate(request: SimulateRequest) -> RunResult:
-    """Plan and drive a mission.
+def preview_simulate(request: SimulateRequest) -> Preview:
+    """Check a mission and its input, and return where it would run."""
+    if request.serve:
+        return Preview.of([planned_place(_served_mission(request), request.runs)])
+    return preview_stages(request.mission, request, until="simulate")
+
+
+@previewed_by(preview_simulate)
+def simulate(
+    request: SimulateRequest,
+    watch: Watch = _unwatched,
+    *,
+    verbose: int | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> RunResult:
+    """Plan and drive a mission; with `serve` as other programs command.
 
     Parameters
     ----------
     request : SimulateRequest
         Mission and settings.
+    watch : callable
+        As for `run`.
+    verbose : int, optional
+        As for `run`.
+    say : callable
+        Called with a sentence when a served drive can be joined.
 
     Returns
     -------
     RunResult
         The run, with a recording and the truth.
+
+    Raises
+    ------
+    InputError
+        What a stage refuses; an address at which nothing can listen.
+    ConfigError
+        A served mission without images or with several rovers.
     """
-    return replace(run_until(request.mission, "simulate", request, workers=request.workers), wanted=None)
+    if request.serve:
+        return _serve(request, verbose, say)
+    if request.listen is not None or request.truth:
+        raise ConfigError("--listen and --truth are for a served drive; add --serve, or leave them out.")
+    made = run_until(
+        request.mission, "simulate", request, workers=request.workers, watch=watch, verbose=verbose
+    )
+    return replace(made, wanted=None)
+
+
+_LISTEN = "127.0.0.1:8765"
+SERVED_FILE = "served.json"
+"""What was sent and received on a served drive."""
+
+
+def _served_mission(request: SimulateRequest) -> MissionConfig:
+    """Return a mission to be served, under a name with the time: no two of its drives are the same."""
+    mission = read_mission(request.mission, request.settings)
+    if mission.fidelity != "vision":
+        raise ConfigError(
+            f"{request.mission} has the fidelity {mission.fidelity!r}, which takes no images while it drives; add --set fidelity=vision."
+        )
+    if mission.fleet.rovers > 1:
+        raise ConfigError(
+            f"{request.mission} has {mission.fleet.rovers} rovers, and one is served; add --set fleet.rovers=1."
+        )
+    return mission.model_copy(update={"name": f"{mission.name}-served-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"})
+
+
+def _serve(request: SimulateRequest, verbose: int | None, say: Callable[[str], None]) -> RunResult:
+    """Plan a mission, and drive it from its start as clients command until the drive ends or is interrupted."""
+    mission = _served_mission(request)
+    with needs_live_extra():
+        from live.served_drive import ServedDrive
+    from sim.mission.drives import simulate_drive
+
+    world = SharedWorld(mission)
+    with ServedDrive(mission, request.listen or _LISTEN, truth=request.truth) as served:
+        run = open_run(mission, request.runs, world=world)
+        with logged_to(run.log_file, verbose), _first_interrupt(served.stop):
+            run_mission(mission, run, until="plan", world=world)
+            route = Route.read(run.folder("plan") / "route.geojson")
+            say(f"{served.url}: the drive begins when a program connects; Ctrl+C ends and writes it")
+            with run.stage("simulate") as folder, threadpool_limits(limits=1):
+                simulate_drive(world.get(), route, mission.of_rover(0), folder, operator=served)
+                report = served.finish()
+                write_json(folder / SERVED_FILE, asdict(report))
+    return RunResult(run, heading=tuple(fact_line(*line) for line in report.lines()))
+
+
+@contextmanager
+def _first_interrupt(stop: Callable[[], None]) -> Iterator[None]:
+    """Call a function at the first interrupt of this program, and interrupt it at the next; in the main thread alone."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop_once(*_: object) -> None:
+        signal.signal(signal.SIGINT, before)
+        stop()
+
+    before = signal.signal(signal.SIGINT, stop_once)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def run_until(
@@ -353,6 +450,8 @@ def summary(run: RunFolder) -> dict[str, Any]:
     content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
     if run.has("simulate"):
         content |= _driven(run.folder("simulate"))
+        if (served := run.folder("simulate") / SERVED_FILE).exists():
+            content["served"] = read_json(served, "the account of a served drive")
     if run.has("reconstruct"):
         content["own_claim"] = _own_claim(run.folder("reconstruct"))
     if run.has("score"):
