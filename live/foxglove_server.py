@@ -9,6 +9,7 @@ does anything but choose what this client receives, and none reads or writes a f
 import asyncio
 import json
 import logging
+import os
 import socket
 import struct
 import threading
@@ -56,8 +57,9 @@ def listening_socket(address: str) -> socket.socket:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family)
     except OSError as error:
+        reason = os.strerror(error.errno) if (error.errno or 0) > 0 else error.strerror
         raise InputError(
-            f"nothing can listen at {address} ({error.strerror}); choose another address with --listen."
+            f"nothing can listen at {address} ({reason}); choose another address with --listen."
         ) from error
 
 

@@ -198,8 +198,13 @@ def _first(request: RunRequest) -> str | None:
 
 def preview_simulate(request: SimulateRequest) -> Preview:
     """Check a mission and its input, and return where it would run."""
+    _refuse_unused(request)
     if request.serve:
-        return Preview.of([planned_place(_served_mission(request), request.runs)])
+        with needs_live_extra():
+            from live.foxglove_server import listening_socket
+        mission = _served_mission(request)
+        listening_socket(request.listen or _LISTEN).close()
+        return Preview.of([planned_place(mission, request.runs)], {"listens at": request.listen or _LISTEN})
     return preview_stages(request.mission, request, until="simulate")
 
 
@@ -236,10 +241,9 @@ def simulate(
     ConfigError
         A served mission without images or with several rovers.
     """
+    _refuse_unused(request)
     if request.serve:
         return _serve(request, verbose, say)
-    if request.listen is not None or request.truth:
-        raise ConfigError("--listen and --truth are for a served drive; add --serve, or leave them out.")
     made = run_until(
         request.mission, "simulate", request, workers=request.workers, watch=watch, verbose=verbose
     )
@@ -249,6 +253,12 @@ def simulate(
 _LISTEN = "127.0.0.1:8765"
 SERVED_FILE = "served.json"
 """What was sent and received on a served drive."""
+
+
+def _refuse_unused(request: SimulateRequest) -> None:
+    """Refuse options of a served drive where none is served."""
+    if not request.serve and (request.listen is not None or request.truth):
+        raise ConfigError("--listen and --truth are for a served drive; add --serve, or leave them out.")
 
 
 def _served_mission(request: SimulateRequest) -> MissionConfig:
