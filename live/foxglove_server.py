@@ -9,7 +9,6 @@ does anything but choose what this client receives, and none reads or writes a f
 import asyncio
 import json
 import logging
-import os
 import socket
 import struct
 import threading
@@ -37,6 +36,7 @@ _MOST_ID = 2**32 - 1
 _DATA, _TIME, _PUBLISHED = struct.Struct("<BIQ"), struct.Struct("<BQ"), struct.Struct("<BI")
 _DATA_CODE, _TIME_CODE, _PUBLISHED_CODE = 1, 2, 1
 _ERROR = 2
+_UNBRACKETED = str.maketrans("", "", "[]")
 _TRY_LATER = 1013
 _MALFORMED = "the message is not one of the Foxglove WebSocket protocol v1; see its specification."
 
@@ -51,13 +51,13 @@ def listening_socket(address: str) -> socket.socket:
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port = None, None
-    if host is None or port is None or parts.netloc != address:
+    if host is None or port is None or f"{host}:{port}" != address.lower().translate(_UNBRACKETED):
         raise ConfigError(f"{address!r} is no address; HOST:PORT was expected, such as 127.0.0.1:8765.")
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        reason = os.strerror(error.errno) if (error.errno or 0) > 0 else error.strerror
+        reason = str(error.strerror).partition(" (while")[0]
         raise InputError(
             f"nothing can listen at {address} ({reason}); choose another address with --listen."
         ) from error
