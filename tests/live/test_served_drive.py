@@ -2,20 +2,26 @@
 
 import base64
 import json
+import signal
 import struct
+import subprocess
+import sys
 import threading
 import time
 
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 from websockets.sync.client import connect
 
+from firnline.cli.main import app
 from live.served_drive import Commands, RealTime, ServedDrive
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import drive_by_commands
 from survey.core.transformation import WGS84, transformed
 from survey.data.recording import Recording
+from tests.firnline.cli.test_export_runs import IMAGES
 from tests.sim.simulate.test_vision import SHORT, ground, mission
 
 COMMANDED_S, END_S = 2.5, 4.5
@@ -180,3 +186,44 @@ def test_a_late_image_is_counted():
         report = drive.finish()
     assert (report.images, report.late_images) == (2, 1)
     assert report.most_delay_s == pytest.approx(0.3)
+
+
+@pytest.mark.long
+def test_the_command_serves_and_writes_a_run_that_other_commands_continue(tmp_path):
+    from benchmarks.closed_loop import drive
+
+    (tmp_path / "mission.toml").write_text(IMAGES, encoding="utf-8")
+    command = [sys.executable, "-m", "firnline"]
+    options = ["--serve", "--listen", "127.0.0.1:0", "--runs", str(tmp_path / "runs")]
+    with subprocess.Popen([*command, "simulate", str(tmp_path / "mission.toml"), *options], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:  # fmt: skip
+        url = server.stderr.readline().split(": ")[0]
+        driver, _ = drive(url, 3.0)
+        server.send_signal(signal.SIGINT)
+        out, _ = server.communicate(timeout=120)
+    assert server.returncode == 0, out
+    assert driver.images >= 13
+    assert "ended by the operator after" in out
+    (run,) = (tmp_path / "runs").glob("images-served-*/latest")
+    account = json.loads((run / "2-simulate" / "served.json").read_text(encoding="utf-8"))
+    assert account["images"] == account["sent"]["/camera/image"] >= driver.images
+    for further in (["export", str(run), str(tmp_path / "euroc"), "--as", "euroc"], ["show", str(run)]):
+        result = CliRunner().invoke(app, further)
+        assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (["--serve", "--set", "fidelity=statistical"], 4, "add --set fidelity=vision"),
+        (["--serve", "--set", "fleet.rovers=2"], 4, "one is served"),
+        (["--listen", "127.0.0.1:0"], 4, "add --serve"),
+        (["--serve", "--listen", "8765"], 4, "HOST:PORT was expected"),
+        (["--serve", "--listen", "127.0.0.1:0"], 0, "images-served-"),
+    ],
+)
+def test_a_dry_run_checks_what_would_be_served(tmp_path, options, code, said):
+    (tmp_path / "mission.toml").write_text(IMAGES, encoding="utf-8")
+    arguments = ["simulate", str(tmp_path / "mission.toml"), "--dry-run", "--runs", str(tmp_path / "runs")]
+    result = CliRunner().invoke(app, [*arguments, *options])
+    assert (result.exit_code, said in " ".join(result.output.split())) == (code, True), result.output
+    assert not (tmp_path / "runs").exists()
