@@ -24,6 +24,7 @@ from websockets.sync.client import ClientConnection, connect
 from benchmarks.report import Row, main
 from live.foxglove import CHANNELS, TRUTH_TOPIC
 from live.foxglove_server import PROTOCOLS
+from live.served_drive import COMMAND_TOPIC, IMAGE_TOPIC
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "short_drive.toml"
 GOALS = (14 + 0j, 14 + 8j, 0 + 8j, 0j)
@@ -61,7 +62,7 @@ class Driver:
         elif topic == TRUTH_TOPIC:
             position = message["pose"]["position"]
             self.real = complex(position["x"], position["y"])
-        elif topic == "/camera/image":
+        elif topic == IMAGE_TOPIC:
             self.images += 1
             self.time_s = message["timestamp"]["sec"] + 1e-9 * message["timestamp"]["nsec"]
             return self._command()
@@ -106,7 +107,7 @@ def _joined(link: ClientConnection) -> dict[int, str]:
     _, advertised = link.recv(), json.loads(link.recv())
     topics: dict[int, str] = {one["id"]: one["topic"] for one in advertised["channels"]}
     link.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": k, "channelId": k} for k in topics]}))
-    command = {"id": 1, "topic": "/cmd_vel", "encoding": "json", "schemaName": "geometry_msgs/Twist"}
+    command = {"id": 1, "topic": COMMAND_TOPIC, "encoding": "json", "schemaName": "geometry_msgs/Twist"}
     link.send(json.dumps({"op": "advertise", "channels": [command]}))
     return topics
 

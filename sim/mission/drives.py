@@ -24,7 +24,7 @@ from sim.world.site import World
 from survey.core import stream
 
 if TYPE_CHECKING:
-    from sim.simulate.vision import Operator
+    from sim.simulate.vision import DriveOperator
 
 
 def simulate_drive(
@@ -34,7 +34,7 @@ def simulate_drive(
     folder: Path,
     workers: int = 1,
     *,
-    operator: "Operator | None" = None,
+    operator: "DriveOperator | None" = None,
 ) -> None:
     """Drive a route of one rover, or from its start as an operator commands, and record what the rover senses."""
     if operator is not None:
@@ -85,7 +85,7 @@ def _drive_with_images(
 
 
 def _drive_by_commands(
-    world: World, route: survey.Route, mission: MissionConfig, folder: Path, operator: "Operator"
+    world: World, route: survey.Route, mission: MissionConfig, folder: Path, operator: "DriveOperator"
 ) -> None:
     """Drive with rendered images as an operator commands, and write the drive; its route is where the rover was."""
     from sim.simulate.vision import drive_by_commands

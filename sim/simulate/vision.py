@@ -1,7 +1,7 @@
 """Vision fidelity: a rover drives a route over fine ground while instruments and camera record.
 
 Open loop, the rover steers by its real pose; closed loop, by the pose that a navigator
-estimates from the readings so far; or an `Operator`, such as another program, commands its
+estimates from the readings so far; or an `DriveOperator`, such as another program, commands its
 velocity. The ending of a drive is one of `Ending`.
 """
 
@@ -68,7 +68,7 @@ class Velocity(NamedTuple):
     turn_rate_rad_s: float
 
 
-class Operator(Protocol):
+class DriveOperator(Protocol):
     """Drives the rover by what it senses."""
 
     def begin(self, start: Start, crs: CRS, /) -> None:
@@ -84,7 +84,7 @@ class Operator(Protocol):
 
 
 def drive_by_commands(
-    terrain: Dem, route: Route, mission: MissionConfig, folder: Path, operator: Operator
+    terrain: Dem, route: Route, mission: MissionConfig, folder: Path, operator: DriveOperator
 ) -> SimulatedDrive:
     """Simulate a drive from the start of a route, at the velocities that an operator commands."""
     run = _prepared(terrain, route, mission, folder)
@@ -192,7 +192,7 @@ class _Run:
                 self._log.add(last)
                 return ending, last
 
-    def follow(self, operator: Operator, writer: FrameWriter) -> Ending:
+    def follow(self, operator: DriveOperator, writer: FrameWriter) -> Ending:
         """Drive at the velocities of an operator until it ends the drive or the rover cannot go on."""
         velocity: Velocity | None = Velocity(0.0, 0.0)
         ending: Ending | None = None
