@@ -69,9 +69,10 @@ class Driver:
         return None
 
     def _correct(self, longitude: float, latitude: float) -> None:
-        fix = complex(longitude * math.cos(math.radians(latitude)), latitude) * _DEGREE_M
-        self.first_fix = fix if self.first_fix is None else self.first_fix
-        self.place += 0.02 * (fix - self.first_fix - self.place)
+        self.first_fix = self.first_fix or complex(longitude, latitude)
+        away = complex(longitude, latitude) - self.first_fix
+        east_north_m = complex(away.real * math.cos(math.radians(latitude)), away.imag) * _DEGREE_M
+        self.place += 0.02 * (east_north_m - self.place)
 
     def _command(self) -> dict[str, Any]:
         goal = GOALS[self.goals % len(GOALS)]

@@ -51,9 +51,9 @@ with connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as link:
             before_m, rolled_m = rolled_m, 0.5 * (message["left_m"] + message["right_m"])
             place += cmath.rect(rolled_m - before_m, heading)
         elif topic == "/gps/fix":
-            parallel = math.cos(math.radians(message["latitude"]))
-            fixes.append(complex(message["longitude"] * parallel, message["latitude"]) * DEGREE_M)
-            place += 0.05 * (fixes[-1] - fixes[0] - place)
+            fixes.append(complex(message["longitude"], message["latitude"]))
+            away, parallel = fixes[-1] - fixes[0], math.cos(math.radians(message["latitude"]))
+            place += 0.05 * (complex(away.real * parallel, away.imag) * DEGREE_M - place)
         elif topic == "/camera/image":
             jpeg = base64.b64decode(message["data"])
             angle = cmath.phase((GOAL - place) * cmath.rect(1.0, -heading))
