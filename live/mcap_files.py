@@ -1,6 +1,6 @@
 """Runs and watched surveys as MCAP files for Foxglove and rerun.
 
-Messages are JSON of Foxglove's schemas, of which `SCHEMAS` holds the parts that are written. The frame ``local`` is the
+Messages are JSON of Foxglove's schemas (`live.foxglove`). The frame ``local`` is the
 survey's CRS with the first pose of the path as its origin, since positions in the CRS have too many digits for the
 single precision of viewers; the metadata record ``frame`` holds the origin and the CRS. `write_run_mcap` writes path with
 covariance, landmarks, map and its σ, images and the real path of a run, as far as it is done; `write_drive_mcap` writes places of the rover, samples with
@@ -17,6 +17,7 @@ import numpy as np
 from mcap.writer import Writer
 from pyproj import CRS
 
+from live.foxglove import NANO, SCHEMAS, named, stamped, xyz
 from live.watch.log import replayed_states
 from live.watch.survey_watch import SurveyWatch
 from sim.mission.fleet import drive_folders
@@ -24,32 +25,7 @@ from survey import Grid, InputError, Reconstruction, Recording, Route, SurfacePo
 from survey.core import FloatArray, replacing
 from survey.core.run_folder import RunFolder
 
-
-def _object(**properties: Any) -> dict[str, Any]:
-    return {"type": "object", "properties": properties}
-
-
-_NUMBER, _TEXT, _WHOLE = {"type": "number"}, {"type": "string"}, {"type": "integer"}
-_BYTES = {"type": "string", "contentEncoding": "base64"}
-_TIME = _object(sec=_WHOLE, nsec=_WHOLE)
-_POSE = _object(
-    position=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER),
-    orientation=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
-)
-_STAMP = {"timestamp": _TIME, "frame_id": _TEXT}
-_FIELD = _object(name=_TEXT, offset=_WHOLE, type=_WHOLE)
-SCHEMAS: dict[str, dict[str, Any]] = {
-    "PoseInFrame": _object(**_STAMP, pose=_POSE, position_covariance={"type": "array", "items": _NUMBER}),
-    "PosesInFrame": _object(**_STAMP, poses={"type": "array", "items": _POSE}),
-    "PointCloud": _object(
-        **_STAMP, pose=_POSE, point_stride=_WHOLE, fields={"type": "array", "items": _FIELD}, data=_BYTES
-    ),
-    "CompressedImage": _object(**_STAMP, data=_BYTES, format=_TEXT),
-}
-"""By the name of the schema without ``foxglove.``; σ and covariances are more than Foxglove's have."""
-
-
-_NANO, _FLOAT32 = 10**9, 7
+_FLOAT32 = 7
 _FRAME = "local"
 
 
@@ -80,9 +56,7 @@ class McapMessages:
             text = json.dumps(SCHEMAS[schema]).encode()
             kind = self.writer.register_schema(f"foxglove.{schema}", "jsonschema", text)
             self._channels[topic] = self.writer.register_channel(topic, "json", kind)
-        stamp = round(time_s * _NANO)
-        at = {"sec": stamp // _NANO, "nsec": stamp % _NANO}
-        data = json.dumps({"timestamp": at, "frame_id": _FRAME, **content}).encode()
+        stamp, data = round(time_s * NANO), json.dumps(stamped(time_s, _FRAME, content)).encode()
         self.writer.add_message(self._channels[topic], stamp, data, stamp)
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
@@ -103,11 +77,6 @@ AT_ORIGIN = {
     "position": {"x": 0.0, "y": 0.0, "z": 0.0},
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
 }
-
-
-def xyz(position: FloatArray) -> dict[str, float]:
-    """Return a place (3,) as Foxglove writes it."""
-    return dict(zip("xyz", position.tolist(), strict=True))
 
 
 def packed_points(rows: Any, names: Sequence[str]) -> dict[str, Any]:
@@ -200,7 +169,7 @@ def _write_path(mcap: McapMessages, topic: str, drive: Trajectory) -> None:
 def _poses(mcap: McapMessages, drive: Trajectory) -> list[dict[str, Any]]:
     """Return the poses of a path in the local frame."""
     return [
-        {"position": xyz(position), "orientation": dict(zip("xyzw", turn.tolist(), strict=True))}
+        {"position": xyz(position), "orientation": named("xyzw", turn)}
         for position, turn in zip(drive.position - mcap.origin, drive.quaternion, strict=True)
     ]
 

@@ -42,10 +42,10 @@ from firnline.actions.runs import init as init
 from firnline.actions.runs import report as report
 from firnline.actions.runs import run as run
 from firnline.actions.runs import show as show
-from firnline.actions.runs import simulate as simulate
 from firnline.actions.score_request import ScoreRequest as ScoreRequest
 from firnline.actions.scoring import ScoreResult as ScoreResult
 from firnline.actions.scoring import score as score
+from firnline.actions.simulating import simulate as simulate
 from firnline.actions.studies import RehearsalResult as RehearsalResult
 from firnline.actions.studies import StudyResult as StudyResult
 from firnline.actions.studies import fit as fit

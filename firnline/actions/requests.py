@@ -368,6 +368,23 @@ class SimulateRequest(RunOptions):
 
     mission: Annotated[Path, Argument(help="Mission file (TOML).")]
     workers: Workers = None
+    serve: Annotated[
+        bool,
+        Option(
+            "--serve",
+            help="Stream images and sensors in real time, and drive as other programs command (Foxglove WebSocket); the drive "
+            "gets a run of its own.",
+        ),
+    ] = False
+    listen: Annotated[
+        str | None,
+        Option(
+            "--listen", metavar="HOST:PORT", help="With --serve: where to listen.  [default: 127.0.0.1:8765]"
+        ),
+    ] = None
+    truth: Annotated[
+        bool, Option("--truth", help="With --serve: stream the real pose too, on a topic of its own.")
+    ] = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from firnline.actions.interface import (
     previewed_by,
     refuse_existing,
 )
-from firnline.actions.requests import InitRequest, ReportRequest, RunOptions, RunRequest, SimulateRequest
+from firnline.actions.requests import InitRequest, ReportRequest, RunOptions, RunRequest
 from firnline.actions.scoring import best_class, class_met
 from sim.mission.runs import mission_template, open_run, planned_place, read_mission
 from sim.mission.stages import StageContext, run_mission
@@ -31,6 +31,8 @@ from survey.core.run_folder import STAGES, RunFolder
 
 Watch = Callable[[Mapping[str, float]], StageContext]
 """Called with the seconds that stages took before; returns the context in which each stage runs."""
+SERVED_FILE = "served.json"
+"""What was sent and received on a served drive."""
 _PACKAGES = ("survey", "planners", "vision_slam", "sim", "live", "desk", "papers", "firnline")
 
 
@@ -136,7 +138,8 @@ class RunResult(Result):
         return [*lines, fact_line(end, content[end])]
 
 
-def _unwatched(seconds: Mapping[str, float]) -> StageContext:
+def unwatched(seconds: Mapping[str, float]) -> StageContext:
+    """Return a context that shows nothing."""
     del seconds
     return nullcontext
 
@@ -147,7 +150,7 @@ def preview_run(request: RunRequest) -> Preview:
 
 
 @previewed_by(preview_run)
-def run(request: RunRequest, watch: Watch = _unwatched, *, verbose: int | None = None) -> RunResult:
+def run(request: RunRequest, watch: Watch = unwatched, *, verbose: int | None = None) -> RunResult:
     """Run a mission from plan to report, or continue it.
 
     Parameters
@@ -191,22 +194,6 @@ def _first(request: RunRequest) -> str | None:
     return "plan" if request.fresh else request.first
 
 
-def simulate(request: SimulateRequest) -> RunResult:
-    """Plan and drive a mission.
-
-    Parameters
-    ----------
-    request : SimulateRequest
-        Mission and settings.
-
-    Returns
-    -------
-    RunResult
-        The run, with a recording and the truth.
-    """
-    return replace(run_until(request.mission, "simulate", request, workers=request.workers), wanted=None)
-
-
 def run_until(
     mission_file: Path,
     stage: str,
@@ -214,7 +201,7 @@ def run_until(
     *,
     first: str | None = None,
     workers: int | None = None,
-    watch: Watch = _unwatched,
+    watch: Watch = unwatched,
     verbose: int | None = None,
 ) -> RunResult:
     """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage."""
@@ -235,7 +222,7 @@ def preview_report(request: ReportRequest) -> Preview:
 
 
 @previewed_by(preview_report)
-def report(request: ReportRequest, watch: Watch = _unwatched, *, verbose: int | None = None) -> RunResult:
+def report(request: ReportRequest, watch: Watch = unwatched, *, verbose: int | None = None) -> RunResult:
     """Draw the report of a run again; a mission file is run first where it is not done yet.
 
     Parameters
@@ -353,6 +340,8 @@ def summary(run: RunFolder) -> dict[str, Any]:
     content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
     if run.has("simulate"):
         content |= _driven(run.folder("simulate"))
+        if (served := run.folder("simulate") / SERVED_FILE).exists():
+            content["served"] = read_json(served, "the account of a served drive")
     if run.has("reconstruct"):
         content["own_claim"] = _own_claim(run.folder("reconstruct"))
     if run.has("score"):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated
@@ -35,18 +36,14 @@ from firnline.cli.request import (
 from survey.core import FirnlineError, InputError
 
 
-def run_stages(
-    mission_file: Path, options: RunOptions, until: str, printing: Printing, *, workers: int | None = None
-) -> None:
+def run_stages(mission_file: Path, options: RunOptions, until: str, printing: Printing) -> None:
     """Run the stages of a mission up to one and print its summary, or print which stages would be done."""
     from firnline.actions.runs import preview_stages, run_until
 
     if printing.dry_run:
         print_result(preview_stages(mission_file, options, until=until))
         return
-    made = run_until(
-        mission_file, until, options, workers=workers, watch=watched_by(printing), verbose=printing.verbose
-    )
+    made = run_until(mission_file, until, options, watch=watched_by(printing), verbose=printing.verbose)
     print_result(replace(made, wanted=None), as_json=printing.as_json)
 
 
@@ -107,8 +104,16 @@ def simulate(request: SimulateRequest, printing: Printing) -> None:
     For example:
 
       firnline simulate mine.toml --set fidelity=ideal
+
+      firnline simulate short_drive.toml --serve
     """
-    run_stages(request.mission, request, "simulate", printing, workers=request.workers)
+    if printing.dry_run:
+        print_result(preview_of(actions.simulate, request))
+        return
+    made = actions.simulate(
+        request, watched_by(printing), verbose=printing.verbose, say=partial(typer.echo, err=True)
+    )
+    print_result(made, as_json=printing.as_json)
 
 
 @with_exit_codes

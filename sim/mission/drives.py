@@ -4,7 +4,9 @@ It is localized in `sim.mission.localization`; the drives of several rovers are 
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 import shapely
 
 import survey
@@ -21,12 +23,23 @@ from sim.simulate.steering import AttitudeErrors, SteeredPath, drive_steered
 from sim.world.site import World
 from survey.core import stream
 
+if TYPE_CHECKING:
+    from sim.simulate.vision import DriveOperator
+
 
 def simulate_drive(
-    world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1
+    world: World,
+    route: survey.Route,
+    mission: MissionConfig,
+    folder: Path,
+    workers: int = 1,
+    *,
+    operator: "DriveOperator | None" = None,
 ) -> None:
-    """Drive a route of one rover over the real terrain and record what the rover senses."""
-    if mission.fidelity == "vision":
+    """Drive a route of one rover, or from its start as an operator commands, and record what the rover senses."""
+    if operator is not None:
+        _drive_by_commands(world, route, mission, folder, operator)
+    elif mission.fidelity == "vision":
         _drive_with_images(world, route, mission, folder, workers)
     else:
         _drive_by_error_models(world, route, mission, folder)
@@ -67,6 +80,22 @@ def _drive_with_images(
             steered=None if steering is None else SteeredPath(steering),
         )
     (route if steering is None else steering.driven()).write(folder / "driven_route.geojson")
+    driven.write(folder)
+    record_scans(driven.truth, mission, folder / "recording")
+
+
+def _drive_by_commands(
+    world: World, route: survey.Route, mission: MissionConfig, folder: Path, operator: "DriveOperator"
+) -> None:
+    """Drive with rendered images as an operator commands, and write the drive; its route is where the rover was."""
+    from sim.simulate.vision import drive_by_commands
+
+    driven = drive_by_commands(world.terrain, route, mission, folder / "recording", operator)
+    path = driven.truth.trajectory.position[:, :2]
+    along_m = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T))]
+    each_metre = np.searchsorted(along_m, np.arange(0.0, along_m[-1], 1.0))
+    leg = survey.Leg("swath", path[[*each_metre, len(path) - 1]])
+    survey.Route((leg,), route.crs, "commands").write(folder / "driven_route.geojson")
     driven.write(folder)
     record_scans(driven.truth, mission, folder / "recording")
 

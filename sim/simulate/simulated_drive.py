@@ -45,6 +45,7 @@ class Ending(Enum):
     BATTERY_EMPTY = "battery empty"
     LEFT_THE_MAP = "left the map"
     OUT_OF_TIME = "out of time"
+    BY_OPERATOR = "ended by the operator"
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,16 @@ class DriveMonitor:
 
         `states` are those at `STEERED_HZ` since the start, `steered_xy` (2,) the position that is steered by [m].
         """
+        longest_s = 3.0 * self._pursuit.length_m / self._speed_m_s + 60.0
+        reasons = {
+            Ending.ARRIVED: self._pursuit.is_done(steered_xy),
+            Ending.STALLED: _is_stalled(states),
+            Ending.OUT_OF_TIME: states[-1].time_s > longest_s,
+        }
+        return self.accident(states) or _first_true(reasons)
+
+    def accident(self, states: Sequence[RoverState]) -> Ending | None:
+        """Return what has ended the drive of a rover that follows no route, or None while it goes on."""
         state = states[-1]
         xmin, ymin, xmax, ymax = self._bounds
         x, y, z = state.position
@@ -138,11 +149,12 @@ class DriveMonitor:
             Ending.TIPPED_OVER: _upright(state) < _TIPPED_COS,
             Ending.FELL: a_second_ago.position[2] - z > _FELL_M,
             Ending.BATTERY_EMPTY: self._battery_j is not None and state.energy_j > self._battery_j,
-            Ending.ARRIVED: self._pursuit.is_done(steered_xy),
-            Ending.STALLED: _is_stalled(states),
-            Ending.OUT_OF_TIME: state.time_s > 3.0 * self._pursuit.length_m / self._speed_m_s + 60.0,
         }
-        return next((ending for ending, is_so in reasons.items() if is_so), None)
+        return _first_true(reasons)
+
+
+def _first_true(reasons: dict[Ending, bool]) -> Ending | None:
+    return next((ending for ending, is_so in reasons.items() if is_so), None)
 
 
 def _is_stalled(states: Sequence[RoverState]) -> bool:

@@ -1,15 +1,18 @@
 """Vision fidelity: a rover drives a route over fine ground while instruments and camera record.
 
 Open loop, the rover steers by its real pose; closed loop, by the pose that a navigator
-estimates from the readings so far. The ending of a drive is one of `Ending`.
+estimates from the readings so far; or an `DriveOperator`, such as another program, commands its
+velocity. The ending of a drive is one of `Ending`.
 """
 
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from pyproj import CRS
 
 from sim.config.mission import MissionConfig
 from sim.instruments.registry import Instruments, ReadingLog
@@ -25,8 +28,8 @@ from sim.simulate.simulated_drive import (
     SimulatedDrive,
 )
 from sim.simulate.steering import SteeredPath
-from sim.vehicle.motion import RoverMotion
-from sim.vehicle.pursuit import BackingOff, PurePursuit
+from sim.vehicle.motion import RoverMotion, RoverState
+from sim.vehicle.pursuit import BackingOff, PurePursuit, skid_speeds
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.moving_ice import epoch_of, moving_ice
 from survey import ConfigError, Dem, InputError, Route, Trajectory, Truth
@@ -50,17 +53,59 @@ def simulate_vision(
     steered: SteeredPath | None = None,
 ) -> SimulatedDrive:
     """Simulate a drive in the vision fidelity: physics, instruments and rendered images."""
-    if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"the recording folder {folder} exists and is not empty; choose another one.")
-    ground = fine_terrain(terrain, mission.scenery, mission.site_seed)
-    path = route.path()
-    _check(ground, path, mission)
-    run = _Run(ground, path, mission, steered)
+    run = _prepared(terrain, route, mission, folder, steered)
     navigator = None if navigate is None else navigate(run.start)
     with FrameWriter(folder / "frames") as writer:
         ending, last = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
         odometry = None if navigator is None else navigator.finish(last)
     return replace(run.result(ending, folder), visual_odometry=odometry)
+
+
+class Velocity(NamedTuple):
+    """Commanded speed ahead [m/s] and rate of turn, positive to the left [rad/s]."""
+
+    speed_m_s: float
+    turn_rate_rad_s: float
+
+
+class DriveOperator(Protocol):
+    """Drives the rover by what it senses."""
+
+    def begin(self, start: Start, crs: CRS, /) -> None:
+        """Take calibration and start pose, in the CRS of the fixes; the drive begins when this returns."""
+        ...
+
+    def step(self, readings: Readings, state: RoverState, /) -> Velocity | None:
+        """Take the readings of a period of the steering, and the real state for scores alone.
+
+        Returns the velocity for the next period, or None to end the drive.
+        """
+        ...
+
+
+def drive_by_commands(
+    terrain: Dem, route: Route, mission: MissionConfig, folder: Path, operator: DriveOperator
+) -> SimulatedDrive:
+    """Simulate a drive from the start of a route, at the velocities that an operator commands."""
+    run = _prepared(terrain, route, mission, folder)
+    operator.begin(run.start, terrain.crs)
+    with FrameWriter(folder / "frames") as writer:
+        ending = run.follow(operator, writer)
+    drive = run.result(ending, folder)
+    driven_m = drive.truth.trajectory.length_m
+    return replace(drive, progress_m=driven_m, route_m=driven_m)
+
+
+def _prepared(
+    terrain: Dem, route: Route, mission: MissionConfig, folder: Path, steered: SteeredPath | None = None
+) -> "_Run":
+    """Return a drive before it begins; refuse a folder with files, and routes that cannot be driven."""
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"the recording folder {folder} exists and is not empty; choose another one.")
+    ground = fine_terrain(terrain, mission.scenery, mission.site_seed)
+    path = route.path()
+    _check(ground, path, mission)
+    return _Run(ground, path, mission, steered)
 
 
 def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
@@ -147,6 +192,22 @@ class _Run:
                 self._log.add(last)
                 return ending, last
 
+    def follow(self, operator: DriveOperator, writer: FrameWriter) -> Ending:
+        """Drive at the velocities of an operator until it ends the drive or the rover cannot go on."""
+        velocity: Velocity | None = Velocity(0.0, 0.0)
+        ending: Ending | None = None
+        while velocity is not None and ending is None:
+            stands = self._states[-1].time_s < STANDING_S
+            self._roll(*((0.0, 0.0) if stands else skid_speeds(*velocity, self._mission.physics)))
+            if self._frame_is_due():
+                readings = self._sensed(writer)
+            else:
+                readings = self._read(RoverMotion.of(self._recent))
+                self._log.add(readings)
+            velocity = operator.step(readings, self._states[-1])
+            ending = self._monitor.accident(self._states)
+        return ending or Ending.BY_OPERATOR
+
     def _real_pose(self) -> PoseEstimate:
         state = self._states[-1]
         xy = np.array(state.position[:2])
@@ -164,7 +225,11 @@ class _Run:
                 self._steered.extend(self._pursuit, estimate)
             wanted = self._pursuit.track_speeds(*estimate)
             left, right = self._backing.track_speeds(time_s, estimate.xy, wanted)
-        self._faults.drive(self._physics, time_s)
+        self._roll(left, right)
+
+    def _roll(self, left: float, right: float) -> None:
+        """Drive for one period of the steering at speeds of the tracks [m/s]."""
+        self._faults.drive(self._physics, self._states[-1].time_s)
         for _ in range(LOGGED_HZ // STEERED_HZ):
             for _ in range(self._mission.physics.rate_hz // LOGGED_HZ):
                 self._physics.step(left, right)

@@ -12,6 +12,14 @@ _SEARCHED_M = 3.0
 _HANGS_S, _HANGS_M = 3.0, 0.1
 _BACKS_S, _FAST_BACK, _SLOW_BACK = 2.0, -0.7, -0.2
 _TRIES, _PLACE_M = 3, 2.0
+SKID = 1.8
+"""Factor by which the difference of the tracks is larger than rolling without skidding would need."""
+
+
+def skid_speeds(speed_m_s: float, turn_rate_rad_s: float, config: PhysicsConfig) -> tuple[float, float]:
+    """Return the speeds of the left and the right track for a speed and a rate of turn, positive to the left [m/s]."""
+    half = 0.5 * SKID * config.track_gauge_m * turn_rate_rad_s
+    return speed_m_s - half, speed_m_s + half
 
 
 class PurePursuit:
@@ -32,8 +40,6 @@ class PurePursuit:
     >>> bool(left > right)  # it is left of the route and turns right
     True
     """
-
-    SKID = 1.8
 
     def __init__(
         self, path: FloatArray, speed_m_s: float, config: PhysicsConfig, *, is_complete: bool = True
@@ -93,8 +99,7 @@ class PurePursuit:
         if np.cos(angle) < 0.0:
             turn = np.copysign(config.max_turn_rate_rad_s, angle)
         turn = float(np.clip(turn, -config.max_turn_rate_rad_s, config.max_turn_rate_rad_s))
-        half = 0.5 * self.SKID * config.track_gauge_m * turn
-        return speed - half, speed + half
+        return skid_speeds(speed, turn, config)
 
     def _advance(self, xy: FloatArray) -> None:
         """Advance to the nearest point of the next metres, never back."""

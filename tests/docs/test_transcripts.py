@@ -25,7 +25,7 @@ PAGES = (
     ROOT / "CONTRIBUTING.md",
     *(p for p in sorted((ROOT / "docs").rglob("*.md")) if not {"_build", "reference"} & set(p.parts)),
 )
-SERVERS = ("desk", "rover", "upload", "download", "watch")
+SERVERS = ("desk", "rover", "upload", "download", "watch", r"simulate \S+ --serve")
 """Commands that run until they are stopped or speak to a rover; the tests of the desk and of live surveys start them."""
 _LONGEST = 4000
 _RULES = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.config.rover import PhysicsConfig
-from sim.vehicle.pursuit import BackingOff, PurePursuit
+from sim.vehicle.pursuit import SKID, BackingOff, PurePursuit
 
 PATH = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
 
@@ -25,13 +25,13 @@ def test_a_point_behind_is_turned_to_on_the_spot():
     left, right = pursuit().track_speeds(np.array([2.0, 0.0]), np.pi - 0.1)
     assert left + right == pytest.approx(0.0)
     # It faces west by south of the route's direction, so the shorter turn is to the right.
-    assert left - right == pytest.approx(PurePursuit.SKID * config.track_gauge_m * config.max_turn_rate_rad_s)
+    assert left - right == pytest.approx(SKID * config.track_gauge_m * config.max_turn_rate_rad_s)
 
 
 def test_the_turn_rate_is_bounded():
     config = PhysicsConfig(max_turn_rate_rad_s=0.3)
     left, right = pursuit(max_turn_rate_rad_s=0.3).track_speeds(np.array([2.0, 0.5]), 0.0)
-    assert left - right == pytest.approx(PurePursuit.SKID * config.track_gauge_m * 0.3)
+    assert left - right == pytest.approx(SKID * config.track_gauge_m * 0.3)
 
 
 def test_progress_never_goes_back():
