@@ -76,7 +76,7 @@ def test_a_message_arrives_with_subscription_and_time_until_it_is_unsubscribed(s
     ask(client, op="unsubscribe", subscriptionIds=[8])
     in_turn(client)
     server.publish(IMAGE, 2.0, {})
-    server.tell_time(2.25)
+    server.publish_time(2.25)
     assert struct.unpack("<BQ", client.recv(timeout=20)) == (2, 2_250_000_000)
     assert server.sent[IMAGE] == 1
 
