@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from affine import Affine
 from pyproj import CRS
 
 from survey.core.errors import InputError
@@ -21,7 +22,7 @@ from survey.core.text import insert_paragraphs
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
-    from xarray import Dataset
+    from xarray import DataArray, Dataset
 
 
 _MOST_DRAWN_CELLS = 1000
@@ -158,6 +159,66 @@ def to_dataset(
     }
     dataset: Dataset = xarray.Dataset(data, axes, dict(facts))
     return dataset
+
+
+_METRES = ("", "m", "metre", "metres", "meter", "meters")
+
+
+def raster_of(array: "DataArray", crs: Any = None) -> tuple[npt.NDArray[np.float64], Affine, Any]:
+    """Return heights (H, W) [m], transform and CRS of an `xarray.DataArray`, its northern row first.
+
+    The CRS is that of the coordinate which ``grid_mapping`` names, as CF and rioxarray write it; `crs` where none does.
+    """
+    where = f"the array {array.name!r}" if array.name else "the array"
+    array = array.squeeze(drop=True)
+    if array.ndim != 2:
+        raise InputError(f"{where} has the dimensions {array.dims}; two were expected, rows and columns.")
+    unit = str(array.attrs.get("units", ""))
+    if unit.lower() not in _METRES:
+        raise InputError(f"{where} is in {unit!r}; multiply it to metres, and set attrs['units'] = 'm'.")
+    (y, step_y), (x, step_x) = (_steps(array, name, where) for name in array.dims)
+    if not np.isclose(abs(step_x), abs(step_y), rtol=1e-6):
+        raise InputError(
+            f"{where} has cells of {abs(step_x):g} × {abs(step_y):g} m; square ones were expected."
+        )
+    values = np.array(array.values, dtype=np.float64)
+    missing = array.attrs.get("_FillValue", array.attrs.get("nodata"))
+    if missing is not None:
+        values[values == missing] = np.nan
+    values, x, y = values[:: 1 if step_y < 0.0 else -1, :: 1 if step_x > 0.0 else -1], np.sort(x), np.sort(y)
+    step = abs(step_x)
+    transform = Affine(step, 0.0, x[0] - 0.5 * step, 0.0, -step, y[-1] + 0.5 * step)
+    return values, transform, _crs_of(array, crs, where)
+
+
+def _steps(array: "DataArray", name: Any, where: str) -> tuple[npt.NDArray[np.float64], float]:
+    """Return the coordinates along a dimension [m], and their step, which is negative where they fall."""
+    if name not in array.coords or array.sizes[name] < 2:
+        raise InputError(
+            f"{where} has no coordinates along {name!r}; two or more centres of cells [m] were expected."
+        )
+    places = np.asarray(array.coords[name].values, dtype=np.float64)
+    steps = np.diff(places)
+    step = float(steps[0])
+    uneven = ~(np.abs(steps - step) <= 1e-3 * abs(step))
+    if step == 0.0 or uneven.any():
+        raise InputError(
+            f"{where} has uneven steps along {name!r}, {steps[np.argmax(uneven)]:g} after {places[np.argmax(uneven)]:g} and {step:g} "
+            "else; interpolate it on even ones."
+        )
+    return places, float((places[-1] - places[0]) / (len(places) - 1))
+
+
+def _crs_of(array: "DataArray", crs: Any, where: str) -> Any:
+    """Return what states the CRS of an array."""
+    named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
+    facts = array.coords[named].attrs if named in array.coords else array.attrs
+    for key in ("crs_wkt", "spatial_ref", "crs"):
+        if facts.get(key):
+            return facts[key]
+    if crs is not None:
+        return crs
+    raise InputError(f"{where} states no CRS; write one by rioxarray (rio.write_crs), or name it with crs=.")
 
 
 def to_geodataframe(geometry: Sequence[Any], columns: Mapping[str, Any], crs: CRS) -> "GeoDataFrame":

@@ -14,7 +14,7 @@ from survey.core.arrays import Bounds, DataObject, FloatArray, frozen, lattice_p
 from survey.core.crs import UNSTATED, datum_of_file, projected_crs, refuse_far
 from survey.core.errors import InputError
 from survey.core.transformation import is_geographic, metric_crs
-from survey.data.conversions import drawing, html_table, plot_raster, to_dataset, value_range
+from survey.data.conversions import drawing, html_table, plot_raster, raster_of, to_dataset, value_range
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.opening import check_transform
@@ -181,6 +181,41 @@ class Dem(DataObject):
             return cls(raster.values, raster.transform, raster.crs, datum)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+
+    @classmethod
+    def from_xarray(cls, array: "DataArray", *, crs: Any = None, vertical_datum: str | None = None) -> Self:
+        """Return the DEM of an xarray object, such as `to_xarray` or rioxarray give.
+
+        Parameters
+        ----------
+        array : xarray.DataArray
+            Heights [m] with coordinates of the cells' centres [m] along both dimensions, in either order of each. The CRS
+            is that of the coordinate which ``grid_mapping`` names, ``spatial_ref`` by default; ``_FillValue`` marks unknown
+            heights where they are not NaN.
+        crs : str or pyproj.CRS, optional
+            For arrays that state none.
+        vertical_datum : str, optional
+            Name of the surface that heights count from, for arrays whose attribute ``vertical_datum`` does not state it.
+
+        Returns
+        -------
+        Dem
+            In the array's CRS; nothing is warped.
+
+        Raises
+        ------
+        InputError
+            Another unit than metres, uneven steps, cells that are not square, no CRS, or one in degrees.
+
+        Examples
+        --------
+        >>> dem = Dem.on(Grid((0.0, 0.0, 2.0, 1.0), 1.0, "EPSG:32608"), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+        >>> float(Dem.from_xarray(dem.to_xarray()).at([[2.0, 1.0]])[0])
+        3.0
+        """
+        values, transform, stated = raster_of(array, crs)
+        datum = vertical_datum or str(array.attrs.get("vertical_datum", UNSTATED))
+        return cls(values, transform, stated, datum)
 
     def write(self, path: str | Path, name: str = "elevation") -> None:
         """Write a Cloud-Optimized GeoTIFF (float32, nodata -9999).
@@ -391,7 +426,8 @@ class Dem(DataObject):
             When xarray is not installed.
         """
         facts = {"vertical_datum": self.vertical_datum}
-        return to_dataset({"elevation": (self.elevation, "m")}, self.x, self.y, self.crs, facts)["elevation"]
+        array = to_dataset({"elevation": (self.elevation, "m")}, self.x, self.y, self.crs, facts)["elevation"]
+        return array.assign_attrs(facts) if self.vertical_datum else array
 
     def _facts(self) -> dict[str, str]:
         rows, columns = self.shape

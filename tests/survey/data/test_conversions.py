@@ -26,6 +26,43 @@ def test_dem_becomes_a_data_array_with_coordinates_and_crs():
     assert "zone 8N" in array.coords["spatial_ref"].attrs["crs_wkt"]
 
 
+@pytest.mark.parametrize("flipped", [{}, {"y": slice(None, None, -1)}, {"x": slice(None, None, -1)}])
+def test_a_dem_comes_back_from_its_data_array(flipped):
+    array = DEM.to_xarray().isel(flipped)
+    for one in (array, array.expand_dims("band"), array.rename(x="easting", y="northing")):
+        back = Dem.from_xarray(one)
+        np.testing.assert_array_equal(back.elevation, DEM.elevation)
+        assert (back.transform, back.crs, back.vertical_datum) == (DEM.transform, DEM.crs, "EGM2008")
+
+
+def test_unknown_heights_of_a_data_array_are_nan():
+    array = DEM.to_xarray()
+    marked = array.where(array.x != 1.0, -9999.0).assign_attrs(array.attrs | {"_FillValue": -9999.0})
+    np.testing.assert_array_equal(
+        np.isnan(Dem.from_xarray(marked).elevation), GRID.xy[:, 0].reshape(GRID.shape) == 1.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda array: array.assign_attrs(units="ft"), "is in 'ft'"),
+        (lambda array: array.isel(x=0), "two were expected, rows and columns"),
+        (lambda array: array.isel(x=[0, 1, 3]), "uneven steps along 'x', 2 after 1"),
+        (lambda array: array.isel(x=slice(None, None, 2)), "cells of 2 × 1 m"),
+        (lambda array: array.drop_vars("x"), "no coordinates along 'x'"),
+        (lambda array: array.drop_vars("spatial_ref"), "states no CRS"),
+    ],
+)
+def test_data_arrays_that_are_no_dem_are_refused(change, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Dem.from_xarray(change(DEM.to_xarray()))
+
+
+def test_the_crs_of_an_array_without_one_is_named():
+    assert Dem.from_xarray(DEM.to_xarray().drop_vars("spatial_ref"), crs="EPSG:32633").crs == "EPSG:32633"
+
+
 def test_reconstruction_becomes_a_dataset():
     dataset = Reconstruction(
         DEM, DEM, np.full(GRID.shape, 3), "tin", {}, quantity="temperature_c"
