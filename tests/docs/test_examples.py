@@ -34,7 +34,7 @@ what runs instead."""
 pytestmark = pytest.mark.timeout(1800)
 
 
-LONG_TUTORIALS = {"drive_to_map", "how_many_swaths", "simulate_first"}
+LONG_TUTORIALS = {"drive_by_commands", "drive_to_map", "how_many_swaths", "simulate_first"}
 """Tutorials of a minute and more. `make docs` executes the script of every tutorial; their commands run in transcripts too."""
 
 
