@@ -1,4 +1,4 @@
-"""Foxglove WebSocket server: what clients are told, what they may ask for, and what slow ones lose."""
+"""Foxglove WebSocket server: what clients receive, what they may ask for, and what slow ones lose."""
 
 import json
 import socket
@@ -31,7 +31,7 @@ def server():
 @pytest.fixture
 def client(server):
     with connect(server.url, subprotocols=["foxglove.websocket.v1"]) as link:
-        link.told = [json.loads(link.recv()), json.loads(link.recv())]
+        link.greeting = [json.loads(link.recv()), json.loads(link.recv())]
         yield link
 
 
@@ -43,18 +43,18 @@ def subscribe(link, *channels):
     ask(link, op="subscribe", subscriptions=[{"id": 7 + k, "channelId": k} for k in channels])
 
 
-def told(link):
+def next_message(link):
     return json.loads(link.recv(timeout=20))
 
 
 def in_turn(link):
     """Wait until the server has done all that was asked before: it answers an unknown operation."""
     ask(link, op="nothing")
-    return told(link)
+    return next_message(link)
 
 
 def test_clients_are_told_the_channels_with_schemas(client):
-    info, advertised = client.told
+    info, advertised = client.greeting
     assert client.subprotocol == "foxglove.websocket.v1"
     assert (info["op"], info["capabilities"], info["metadata"]) == (
         "serverInfo",
@@ -94,11 +94,11 @@ def test_what_clients_publish_is_taken_or_refused_with_a_sentence(server, client
     ask(client, op="advertise", channels=channels)
     client.send(struct.pack("<BI", 1, 0) + b'{"a": 1}')
     client.send(struct.pack("<BI", 1, 1) + b"2")
-    assert told(client) == {"op": "status", "level": 2, "message": "that topic is refused."}
+    assert next_message(client) == {"op": "status", "level": 2, "message": "that topic is refused."}
     assert server.taken == [("/cmd_vel", {"a": 1}), ("/x", 2)]
     ask(client, op="unadvertise", channelIds=[0])
     client.send(struct.pack("<BI", 1, 0) + b"3")
-    assert "was not advertised" in told(client)["message"]
+    assert "was not advertised" in next_message(client)["message"]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_what_clients_publish_is_taken_or_refused_with_a_sentence(server, client
 )
 def test_malformed_requests_are_refused_and_the_connection_stays(client, data):
     client.send(data)
-    assert told(client)["level"] == 2
+    assert next_message(client)["level"] == 2
     assert in_turn(client)["op"] == "status"
 
 
