@@ -46,6 +46,10 @@ class Chosen(NamedTuple):
 def choose_points(table: PointTable, ground: Ground | None, where: str) -> Chosen:
     """Return the points that may be mapped by class and flags; None as `ground` stands for ``auto``."""
     if table.classes is None:
+        if ground == "classified":
+            raise InputError(
+                f"{where} states no classes of points, which LAS and LAZ have; take --ground auto, or all."
+            )
         return Chosen(table, Counter(), None)
     classes = table.classes
     is_ground, left_out = np.isin(classes, GROUND), is_left_out(classes)

@@ -71,6 +71,12 @@ def test_classified_ground_is_asked_for_and_missing(tmp_path: Path) -> None:
         SurfacePoints.read(cloud(tmp_path / "a.las", 1), sigma_m=0.1, ground="classified")
 
 
+def test_classified_ground_of_a_table_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x_m,y_m,z_m\n0,0,1\n1,0,1\n0,1,1\n")
+    with pytest.raises(InputError, match="states no classes of points"):
+        SurfacePoints.read(tmp_path / "a.csv", crs="EPSG:32608", sigma_m=0.1, ground="classified")
+
+
 def test_points_that_are_left_out_are_counted_by_reason(tmp_path: Path) -> None:
     classes = np.where(ODD, 1, 2)
     classes[:5] = (7, 18, 12, 8, 6)
