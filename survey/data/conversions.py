@@ -22,7 +22,7 @@ from survey.core.text import insert_paragraphs
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
-    from xarray import DataArray, Dataset
+    from xarray import DataArray
 
 
 _MOST_DRAWN_CELLS = 1000
@@ -125,40 +125,12 @@ def value_range(values: npt.NDArray[Any], unit: str = "m") -> str:
     return f"{finite.min():.1f} to {finite.max():.1f} {unit}" if finite.size else f"no values [{unit}]"
 
 
-def optional(package: str, purpose: str) -> Any:
-    """Import an optional package."""
+def optional(package: str, purpose: str, install: str = "firnline[notebook]") -> Any:
+    """Import an optional package, which comes with what is to be installed."""
     try:
         return import_module(package)
     except ImportError as error:
-        raise InputError(
-            f"{purpose} needs {package}, which is not installed; install firnline[notebook]."
-        ) from error
-
-
-def to_dataset(
-    variables: Mapping[str, tuple[npt.NDArray[Any], str]],
-    x: npt.NDArray[np.float64],
-    y: npt.NDArray[np.float64],
-    crs: CRS,
-    facts: Mapping[str, str],
-) -> "Dataset":
-    """Return an `xarray.Dataset` with dimensions y and x and CF grid-mapping metadata.
-
-    `x`, `y` (W,) and (H,): easting and northing of the cell centres [m].
-    """
-    xarray = optional("xarray", "to_xarray")
-    mapping = {"grid_mapping": "spatial_ref"}
-    data = {
-        name: (("y", "x"), values, mapping | ({"units": unit} if unit else {}))
-        for name, (values, unit) in variables.items()
-    }
-    axes = {
-        "x": ("x", x, {"standard_name": "projection_x_coordinate", "units": "m"}),
-        "y": ("y", y, {"standard_name": "projection_y_coordinate", "units": "m"}),
-        "spatial_ref": ((), 0, {"crs_wkt": crs.to_wkt()}),
-    }
-    dataset: Dataset = xarray.Dataset(data, axes, dict(facts))
-    return dataset
+        raise InputError(f"{purpose} needs {package}, which is not installed; install {install}.") from error
 
 
 _METRES = ("", "m", "metre", "metres", "meter", "meters")

@@ -11,17 +11,20 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, DataObject, FloatArray, frozen, lattice_places
-from survey.core.crs import UNSTATED, datum_of_file, projected_crs, refuse_far
+from survey.core.crs import ELLIPSOIDAL, UNSTATED, datum_of_file, projected_crs, refuse_far
 from survey.core.errors import InputError
 from survey.core.transformation import is_geographic, metric_crs
-from survey.data.conversions import drawing, html_table, plot_raster, raster_of, to_dataset, value_range
+from survey.data.conversions import drawing, html_table, optional, plot_raster, raster_of, value_range
 from survey.data.grid import Grid
 from survey.io.raster import Raster, read_raster, write_raster
+from survey.io.raster.netcdf import dataset_of, height_attributes
 from survey.io.raster.opening import check_transform
+from survey.io.raster.reading import NODATA
 from survey.io.raster.values import log_plateau, refuse_detached, refuse_impossible
 from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:
+    import xdem
     from matplotlib.axes import Axes
     from xarray import DataArray
 
@@ -425,9 +428,32 @@ class Dem(DataObject):
         InputError
             When xarray is not installed.
         """
-        facts = {"vertical_datum": self.vertical_datum}
-        array = to_dataset({"elevation": (self.elevation, "m")}, self.x, self.y, self.crs, facts)["elevation"]
-        return array.assign_attrs(facts) if self.vertical_datum else array
+        optional("xarray", "to_xarray")
+        elevation = self.elevation, height_attributes(self.vertical_datum)
+        dataset = dataset_of({"elevation": elevation}, self.transform, self.crs, self.vertical_datum)
+        datum = {"vertical_datum": self.vertical_datum} if self.vertical_datum else {}
+        return dataset["elevation"].assign_attrs(datum)
+
+    def to_xdem(self) -> "xdem.DEM":
+        """Return the elevation as a DEM of xdem, which is a raster of geoutils as well.
+
+        Returns
+        -------
+        xdem.DEM
+            The heights as float64 with the transform and the CRS; its vertical CRS is the ellipsoid, EGM96 or EGM2008 where
+            that is the vertical datum, and not stated for any other: xdem knows no more by name.
+
+        Raises
+        ------
+        InputError
+            When xdem is not installed.
+        """
+        xdem = optional("xdem", "to_xdem", "xdem")
+        known = {ELLIPSOIDAL: "Ellipsoid", "EGM96 height": "EGM96", "EGM2008 height": "EGM08"}
+        heights = np.ma.masked_invalid(self.elevation)
+        return xdem.DEM.from_array(
+            heights, self.transform, self.crs, nodata=NODATA, vcrs=known.get(self.vertical_datum)
+        )
 
     def _facts(self) -> dict[str, str]:
         rows, columns = self.shape

@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 from survey.core import FloatArray, InputError, same_crs
 from survey.data import Dem, Grid, Trajectory
 from survey.data.sensors.payload import PayloadLog
-from survey.io.raster.writing import write_netcdf
+from survey.io.raster.netcdf import deviation_attributes, write_netcdf
 from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential, Stationary
 from survey.reconstruction.terrain_map import Reconstruction, support_codes
 
@@ -388,22 +388,12 @@ def write_payload(mapped: Reconstruction, log: PayloadLog, folder: Path) -> None
     mapped.write(folder)
     quantity, mean = log.quantity, mapped.mean
     named = {} if quantity.standard_name is None else {"standard_name": quantity.standard_name}
-    attributes = {
-        quantity.name: {"units": quantity.unit, "ancillary_variables": "standard_deviation", **named},
-        "standard_deviation": {
-            "units": quantity.unit,
-            **{key: f"{name} standard_error" for key, name in named.items()},
-        },
+    about = {"long_name": quantity.name.replace("_", " "), "units": quantity.unit, **named}
+    variables = {
+        quantity.name: (mean.elevation, {**about, "ancillary_variables": "standard_deviation"}),
+        "standard_deviation": (mapped.std.elevation, deviation_attributes(about)),
     }
-    bands = {quantity.name: mean.elevation, "standard_deviation": mapped.std.elevation}
-    write_netcdf(
-        folder / f"{quantity.name}.nc",
-        bands,
-        mean.transform,
-        mean.crs,
-        mean.vertical_datum,
-        attributes=attributes,
-    )
+    write_netcdf(folder / f"{quantity.name}.nc", variables, mean.transform, mean.crs, mean.vertical_datum)
 
 
 def _on_terrain(log: PayloadLog, terrain: Dem) -> PayloadLog:

@@ -27,8 +27,9 @@ from survey.core import (
 )
 from survey.core.documents import is_intact, with_checksum
 from survey.data import Dem
-from survey.data.conversions import drawing, html_table, plot_raster, to_dataset, value_range
+from survey.data.conversions import drawing, html_table, optional, plot_raster, value_range
 from survey.io.raster import read_raster, write_raster
+from survey.io.raster.netcdf import dataset_of, deviation_attributes, height_attributes
 from survey.io.raster.writing import write_categories
 from survey.reconstruction.checks import PredictiveCheck, RmseClaim
 
@@ -40,6 +41,11 @@ if TYPE_CHECKING:
 UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
 SUPPORT_NAMES = ("Unseen", "Interpolated", "Ray-bounded", "Measured")
 """Codes of `Reconstruction.support`: what stands behind the height of a node."""
+_SUPPORT_ATTRIBUTES = {
+    "long_name": "what stands behind the value",
+    "flag_values": np.arange(len(SUPPORT_NAMES), dtype=np.uint8),
+    "flag_meanings": " ".join(name.lower().replace("-", "_") for name in SUPPORT_NAMES),
+}
 
 
 ELEVATION = "elevation_m"
@@ -191,13 +197,26 @@ class Reconstruction(DataObject):
         InputError
             When xarray is not installed.
         """
+        optional("xarray", "to_xarray")
         name, unit, _ = self._name_and_unit()
+        is_height = self.quantity == ELEVATION
+        about = (
+            height_attributes(self.mean.vertical_datum) if is_height else {"long_name": name, "units": unit}
+        )
+        beside = {"ancillary_variables": "standard_deviation support"}
         bounds = {"lower": self.lower, "upper": self.upper}
-        variables: dict[str, tuple[npt.NDArray[Any], str]] = {"support": (self.support, "")}
-        variables |= {name: (self.mean.elevation, unit), "standard_deviation": (self.std.elevation, unit)}
-        variables |= {key: (dem.elevation, unit) for key, dem in bounds.items() if dem is not None}
-        facts = {"method": self.method, "vertical_datum": self.mean.vertical_datum}
-        return to_dataset(variables, self.mean.x, self.mean.y, self.mean.crs, facts)
+        variables: dict[str, tuple[npt.NDArray[Any], Mapping[str, Any]]] = {
+            name: (self.mean.elevation, about | beside),
+            "standard_deviation": (self.std.elevation, deviation_attributes(about)),
+            "support": (self.support, _SUPPORT_ATTRIBUTES),
+        }
+        variables |= {
+            key: (dem.elevation, {"long_name": f"{key} bound of the {name}", "units": unit})
+            for key, dem in bounds.items()
+            if dem is not None
+        }
+        mean = self.mean
+        return dataset_of(variables, mean.transform, mean.crs, mean.vertical_datum, {"method": self.method})
 
     def _name_and_unit(self) -> tuple[str, str, str]:
         """Return the name of the quantity, its unit, and the label of an axis."""

@@ -1,8 +1,7 @@
 """Writing of rasters: Cloud-Optimized GeoTIFF, Esri ASCII grid, NetCDF, and categorical GeoTIFF.
 
-Elevations are written as float32 with CRS, vertical datum and checksum. NetCDF follows the climate and forecast (CF)
-conventions, version 1.8, through xarray. Categories are bytes with their names in ``.aux.xml`` beside the GeoTIFF, where
-GDAL and QGIS look for them; `read_codes` reads them.
+Elevations are written as float32 with CRS, vertical datum and checksum, NetCDF by `survey.io.raster.netcdf`. Categories are
+bytes with their names in ``.aux.xml`` beside the GeoTIFF, where GDAL and QGIS look for them; `read_codes` reads them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,6 +29,7 @@ from survey.core.crs import VERTICAL_CRS
 from survey.core.files import unwritable, warnings_logged
 from survey.io.arrays_file import checksum
 from survey.io.dataset_files import stale_files
+from survey.io.raster.netcdf import band_attributes, write_netcdf
 from survey.io.raster.opening import LARGEST_CELLS, check_transform, crs_tag, open_dataset, rasterio_errors
 from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts
 
@@ -64,7 +64,8 @@ def write_raster(
     check_transform(transform)
     suffix = Path(path).suffix.lower()
     if suffix == ".nc":
-        write_netcdf(path, bands, transform, written_crs(crs, vertical_datum), vertical_datum)
+        variables = {name: (values, band_attributes(name, vertical_datum)) for name, values in bands.items()}
+        write_netcdf(path, variables, transform, written_crs(crs, vertical_datum), vertical_datum)
         return
     if suffix == ".asc" and len(bands) != 1:
         raise InputError(f"{path}: an ASCII grid holds one band, not {len(bands)}; write them one by one.")
@@ -168,80 +169,6 @@ def written_crs(crs: CRS, vertical_datum: str) -> CRS:
     if code is None:
         return horizontal
     return CompoundCRS(f"{horizontal.name} + {vertical_datum}", [horizontal, CRS.from_user_input(code)])
-
-
-_FILL = np.float32(-9999.0)
-
-
-def write_netcdf(
-    path: str | Path,
-    bands: Mapping[str, FloatArray],
-    transform: Affine,
-    crs: CRS,
-    vertical_datum: str,
-    *,
-    attributes: Mapping[str, Mapping[str, str]] | None = None,
-) -> None:
-    """Write each band as a float32 variable over y and x [m], with CRS and vertical datum.
-
-    `bands`: bands by name [m], NaN for nodata. `transform`: maps (column, row) of a cell's corner to easting
-    and northing [m].
-    """
-    try:
-        import h5netcdf  # noqa: F401  # xarray looks for both by name
-        import h5py  # noqa: F401
-        import xarray
-    except ImportError as error:
-        raise InputError(
-            f"{path}: NetCDF needs xarray, h5netcdf and h5py, which are not installed; install firnline[netcdf]."
-        ) from error
-    dataset = xarray.Dataset(
-        _variables(bands, attributes or {}), _axes(bands, transform), _facts(vertical_datum)
-    )
-    dataset["spatial_ref"] = ((), np.int32(0), _grid_mapping(crs, transform))
-    encoding = {name: {"_FillValue": _FILL, "zlib": True, "fletcher32": True} for name in bands}
-    with replacing(path, stale=stale_files(path)) as draft:
-        try:
-            dataset.to_netcdf(draft, engine="h5netcdf", encoding=encoding)
-        except (OSError, ValueError, RuntimeError) as error:
-            raise unwritable(Path(path), error) from error
-
-
-def _variables(
-    bands: Mapping[str, FloatArray], attributes: Mapping[str, Mapping[str, str]]
-) -> dict[str, Any]:
-    mapping = {"grid_mapping": "spatial_ref", "units": "m"}
-    return {
-        name: (
-            ("y", "x"),
-            np.where(np.isfinite(values), values, _FILL).astype(np.float32),
-            mapping | dict(attributes.get(name, {})),
-        )
-        for name, values in bands.items()
-    }
-
-
-def _axes(bands: Mapping[str, FloatArray], transform: Affine) -> dict[str, Any]:
-    rows, columns = next(iter(bands.values())).shape
-    x = transform.c + transform.a * (np.arange(columns) + 0.5)
-    y = transform.f + transform.e * (np.arange(rows) + 0.5)
-    units = {"units": "m"}
-    return {
-        "x": ("x", x, {"standard_name": "projection_x_coordinate", **units}),
-        "y": ("y", y, {"standard_name": "projection_y_coordinate", **units}),
-    }
-
-
-def _grid_mapping(crs: CRS, transform: Affine) -> dict[str, Any]:
-    """Return what CF readers and GDAL need to place the grid."""
-    geo = " ".join(repr(float(v)) for v in transform.to_gdal())
-    with warnings_logged():  # CF has no words for some projections; the WKT has
-        cf = crs.to_cf()
-    return {**cf, "spatial_ref": crs.to_wkt(), "GeoTransform": geo}
-
-
-def _facts(vertical_datum: str) -> dict[str, str]:
-    return {"Conventions": "CF-1.8", **({"vertical_datum": vertical_datum} if vertical_datum else {})}
 
 
 def write_categories(

@@ -69,7 +69,51 @@ def test_reconstruction_becomes_a_dataset():
     ).to_xarray()
     assert set(dataset.data_vars) == {"temperature", "standard_deviation", "support"}
     assert dataset["temperature"].attrs["units"] == "c"
-    assert dataset.attrs == {"method": "tin", "vertical_datum": "EGM2008"}
+    assert dataset["standard_deviation"].attrs["units"] == "c"
+    assert dataset.attrs["method"] == "tin"
+    assert dataset.attrs["vertical_datum"] == "EGM2008"
+
+
+def test_a_map_has_the_attributes_of_the_cf_conventions():
+    codes = np.arange(DEM.elevation.size).reshape(GRID.shape) % 4
+    dataset = Reconstruction(DEM, DEM, codes, "gp", {}).to_xarray()
+    assert dataset.attrs["Conventions"] == "CF-1.11"
+    height, deviation, support = (dataset[name] for name in ("elevation", "standard_deviation", "support"))
+    assert height.attrs["standard_name"] == "surface_altitude"
+    assert height.attrs["ancillary_variables"].split() == ["standard_deviation", "support"]
+    assert deviation.attrs["standard_name"] == "surface_altitude standard_error"
+    meanings = support.attrs["flag_meanings"].split()
+    assert [meanings[code] for code in support.attrs["flag_values"]] == [
+        "unseen", "interpolated", "ray_bounded", "measured",
+    ]  # fmt: skip
+    assert dataset["spatial_ref"].attrs["grid_mapping_name"] == "transverse_mercator"
+    assert dataset["x"].encoding["_FillValue"] is None
+
+
+@pytest.mark.parametrize(
+    ("datum", "name"),
+    [
+        ("", None),
+        ("ellipsoidal height", "height_above_reference_ellipsoid"),
+        ("NAVD88 height", "surface_altitude"),
+    ],
+)
+def test_heights_have_a_standard_name_where_their_datum_is_stated(datum, name):
+    array = Dem.on(GRID, DEM.elevation, datum).to_xarray()
+    assert array.attrs.get("standard_name") == name
+
+
+@pytest.mark.parametrize(("datum", "vertical"), [("ellipsoidal height", "Ellipsoid"), ("DVR90 height", None)])
+def test_a_dem_becomes_one_of_xdem(datum, vertical, monkeypatch):
+    pytest.importorskip("xdem", reason="xdem is not installed")
+    dem = Dem.on(GRID, np.where(DEM.elevation == 1.0, np.nan, DEM.elevation), datum)
+    theirs = dem.to_xdem()
+    np.testing.assert_array_equal(theirs.data.filled(np.nan), dem.elevation)
+    assert (theirs.transform, theirs.crs.to_epsg(), theirs.vcrs_name and "Ellipsoid") == (
+        dem.transform,
+        32608,
+        vertical,
+    )
 
 
 def test_route_becomes_a_table_of_legs():
@@ -101,11 +145,11 @@ def test_survey_area_becomes_a_table_with_roles():
     [
         ("xarray", DEM.to_xarray),
         ("geopandas", lambda: SurveyArea.rectangle(GRID.bounds, GRID.crs).to_geodataframe()),
+        ("xdem", DEM.to_xdem),
     ],
 )
 def test_a_missing_optional_package_is_named_with_its_extra(package, convert, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(
-        InputError, match=rf"needs {package}, which is not installed; install firnline\[notebook\]"
-    ):
+    install = "xdem" if package == "xdem" else r"firnline\[notebook\]"
+    with pytest.raises(InputError, match=rf"needs {package}, which is not installed; install {install}\."):
         convert()
