@@ -75,8 +75,8 @@ class Door(NamedTuple):
 
 
 def hills() -> Dem:
-    """Return hills near 1,000 m on cells of 30 m about the area."""
-    grid = Grid((WEST - 300.0, SOUTH - 300.0, WEST + 900.0, SOUTH + 900.0), 30.0, CRS)
+    """Return hills near 1,000 m on cells of 60 m about the area."""
+    grid = Grid((WEST - 300.0, SOUTH - 300.0, WEST + 900.0, SOUTH + 900.0), 60.0, CRS)
     x, y = grid.xy.T - np.array([[WEST], [SOUTH]])
     heights = 1000.0 + 12.0 * np.sin(x / 90.0) + 9.0 * np.cos(y / 70.0 + x / 200.0)
     return Dem.on(grid, heights.reshape(grid.shape))
@@ -97,7 +97,7 @@ def write_inputs(folder: Path) -> None:
     (folder / "site.geojson").write_text(json.dumps(site))
     terrain = hills()
     voids = terrain.elevation.copy()
-    voids[14:16, 30:32] = np.nan
+    voids[7:8, 15:16] = np.nan
     Dem.on(terrain.grid(), voids).write(folder / "prior.tif")
     terrain.write(folder / "truth.tif")
     Dem.on(terrain.grid(), voids + 0.3).write(folder / "later.tif")
@@ -237,14 +237,14 @@ DOORS = {
         ),
     ),
     "track": Door(
-        ("truth.tif", "later.tif", "--days", "10", "--window", "11", "--search", "4", "-o", "moved.gpkg"),
+        ("truth.tif", "later.tif", "--days", "10", "--window", "9", "--search", "2", "-o", "moved.gpkg"),
         lambda: actions.track(
             actions.TrackRequest(
                 earlier=Path("truth.tif"),
                 later=Path("later.tif"),
                 days=10.0,
-                window_px=11,
-                search_px=4,
+                window_px=9,
+                search_px=2,
                 out=Path("moved.gpkg"),
             )
         ),
