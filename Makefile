@@ -58,7 +58,7 @@ results-check: $(VENV)/.ready
 
 # The same, and the page of results written again.
 results: $(VENV)/.ready
-	$(BIN)/python -m benchmarks.stored page
+	$(BIN)/python -m benchmarks.results_page
 
 check: lint types imports test test-long test-walkthroughs
 

@@ -1,6 +1,6 @@
 """The page of results: claims of the three papers beside ours, what misses, and every stored table with its provenance.
 
-Written by ``make results`` from ``results/claims.toml``, the stored tables and their states in ``results/checked.json``.
+Written by ``python -m benchmarks.results_page`` (``make results``) from ``results/claims.toml``, the stored tables and their states in ``results/checked.json``.
 """
 
 import csv
@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from benchmarks.stored import CHECKED, FRESH, RESULTS, Stored, every_stored
+from benchmarks.stored import CHECKED, FRESH, RESULTS, Stored, check, every_stored
 from papers.provenance import git
 from papers.studies import ABOUT
 
@@ -205,3 +205,7 @@ def _values(file: Path, place: tuple[str, ...]) -> Iterator[float]:
     with file.open(encoding="utf-8", newline="") as lines:
         heading, *rows = csv.reader(lines)
         yield from (float(row[heading.index(column)]) for row in rows if row[: len(first)] == list(first))
+
+
+if __name__ == "__main__":
+    write_page(check())

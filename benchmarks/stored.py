@@ -1,7 +1,6 @@
 """List which stored tables and figures are of today's code, and find the code of earlier runs in the history.
 
-``python -m benchmarks.stored check`` lists what is stale (``make results-check``); ``page`` does that, keeps the list in
-``results/checked.json`` and writes ``results/README.md`` (``make results``); ``history`` gives tables that were stored without a
+``python -m benchmarks.stored check`` lists what is stale (``make results-check``); ``history`` gives tables that were stored without a
 provenance the commit that stored them and the digest of the code of that commit, and computes digests of runs of committed
 code again; ``why NAME`` names the definitions that have changed since; ``remark NAME TEXT ...`` stores a remark on a
 table or a figure, each text a sentence or two.
@@ -115,8 +114,13 @@ def every_stored() -> list[Stored]:
 
 
 def check() -> dict[str, str]:
-    """Return the state of everything that is stored, by its name."""
-    return {one.name: one.state for one in every_stored()}
+    """Return the state of everything that is stored, by its name, and print what is stale."""
+    states = {one.name: one.state for one in every_stored()}
+    for name, state in states.items():
+        if state != FRESH:
+            print(f"{name}: {state}")
+    print(f"{sum(state == FRESH for state in states.values())} of {len(states)} are of today's code")
+    return states
 
 
 class _Blobs:
@@ -269,8 +273,6 @@ def find(name: str) -> Stored:
 
 def main(words: Sequence[str]) -> None:
     """Do what the command line asks for."""
-    from benchmarks.results_page import write_page  # here, because the page reads the states
-
     if words[:1] == ["history"]:
         for line in fill_from_history():
             print(line, flush=True)
@@ -278,14 +280,8 @@ def main(words: Sequence[str]) -> None:
         set_remark(words[1], words[2:])
     elif words[:1] == ["why"] and len(words) == 2:
         print("\n".join(changes(find(words[1]))))
-    elif list(words) in (["check"], ["page"]):
-        states = check()
-        for name, state in states.items():
-            if state != FRESH:
-                print(f"{name}: {state}")
-        print(f"{sum(state == FRESH for state in states.values())} of {len(states)} are of today's code")
-        if words[0] == "page":
-            write_page(states)
+    elif list(words) == ["check"]:
+        check()
     else:
         raise SystemExit(__doc__)
 
