@@ -2,31 +2,121 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import survey
 from firnline.actions.interface import Argument, Option, refuse_existing, with_companions
-from firnline.actions.requests import Details, Lengths, PictureOptions, Select, stated_details
+from firnline.actions.requests import (
+    Details,
+    Layout,
+    Lengths,
+    PictureOptions,
+    Select,
+    columns_option,
+    stated_details,
+)
 from firnline.actions.score_request import map_of, with_datum
 from survey.core import ConfigError, picture_files
 
+if TYPE_CHECKING:
+    from pyproj import CRS
+    from shapely import MultiPolygon, Polygon
+
+    from survey.scoring.differencing.change_files import Glaciers
+
 OUTPUTS = (
     "along_flow.tif", "along_flow.tif.aux.xml", "change.tif", "change.tif.aux.xml", "change.csv",
-    "change.gpkg", "change.json", *picture_files("change"), "change_bands.csv",
+    "change.gpkg", "change.json", *picture_files("change"), "change_bands.csv", "change_points.csv",
+    "change_points.laz", *picture_files("change_points"),
 )  # fmt: skip
 """Files that the command writes into its folder."""
+_CLOUDS = (".las", ".laz", ".ply")
 # From fresh snow to rock debris.
 _DENSITIES_KG_M3 = (50.0, 3000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeRequest(PictureOptions):
+class CloudOptions:
+    """Options of a comparison of two point clouds."""
+
+    method: Annotated[
+        Literal["m3c2"] | None,
+        Option(
+            "--method",
+            help="m3c2 compares two point clouds along the local normal, and states the level of detection of each distance.",
+        ),
+    ] = None
+    registration_m: Annotated[
+        float | None,
+        Option(
+            "--registration",
+            min=0.0,
+            help="With m3c2: error of the clouds' registration, 1 σ [m]; by default that of the unchanged ground.",
+        ),
+    ] = None
+    normals_m: Annotated[
+        list[float],
+        Option(
+            "--normal-scale",
+            min=1e-6,
+            help="With m3c2: diameter of the sphere for the normals [m]; repeated, the flattest is taken. By default three from 25 times the "
+            "roughness on.",
+        ),
+    ] = field(default_factory=list)
+    cylinder_m: Annotated[
+        float | None,
+        Option(
+            "--cylinder",
+            min=1e-6,
+            help="With m3c2: diameter of the cylinders [m]; by default that of 30 points.",
+        ),
+    ] = None
+    depth_m: Annotated[
+        float | None,
+        Option(
+            "--depth",
+            min=1e-6,
+            help="With m3c2: how far the cylinders reach to each side [m]; by default beyond the largest distance.",
+        ),
+    ] = None
+    ground: Annotated[
+        Literal["auto", "all", "classified"],
+        Option(
+            "--ground",
+            help="With m3c2: points of LAS/LAZ, as firnline reconstruct takes them; all for cliffs.",
+        ),
+    ] = "auto"
+    columns: Annotated[
+        list[str],
+        columns_option("With m3c2: columns of tables of points: x, y, z, lon, lat; usual names are found."),
+    ] = field(default_factory=list)
+    layout: Layout = None
+
+    def refuse_cloud_options(self) -> None:
+        """Refuse options of clouds without a method that compares them."""
+        usual = CloudOptions()
+        names = {
+            "--registration": "registration_m", "--normal-scale": "normals_m", "--cylinder": "cylinder_m",
+            "--depth": "depth_m", "--ground": "ground", "--columns": "columns", "--format": "layout",
+        }  # fmt: skip
+        stated = [name for name, key in names.items() if getattr(self, key) != getattr(usual, key)]
+        if stated:
+            raise survey.InputError(
+                f"{stated[0]} is of point clouds; add --method m3c2, or leave {stated[0]} out."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeRequest(PictureOptions, CloudOptions):
     """Two surveys to compare."""
 
     later: Annotated[
-        Path, Argument(help="Later survey: raster, folder of a reconstruction, or terrain model (.npz).")
+        Path,
+        Argument(
+            help="Later survey: raster, folder of a reconstruction, terrain model (.npz), or with --method m3c2 a point cloud."
+        ),
     ]
-    earlier: Annotated[Path, Argument(help="Earlier survey, or any elevation raster.")]
+    earlier: Annotated[Path, Argument(help="Earlier survey, any elevation raster, or point cloud.")]
     outline: Annotated[
         Path | None,
         Option(
@@ -81,8 +171,14 @@ class ChangeRequest(PictureOptions):
     datum: Annotated[str | None, Option("--datum", help="Vertical datum of surveys that state none.")] = None
     units: Lengths = None
     step_m: Annotated[
-        float, Option("--grid", help="Distance between nodes when terrain models are compared [m].")
-    ] = 2.0
+        float | None,
+        Option(
+            "--grid",
+            min=1e-6,
+            help="Distance between nodes when terrain models are compared (2 by default), or with m3c2 between core points and cells of the map "
+            "(by default the diameter of the cylinders) [m].",
+        ),
+    ] = None
     out: Annotated[
         Path, Option("--out", "-o", help="Folder for change.tif, .csv, .gpkg, .json and the picture.")
     ] = Path("change")
@@ -99,7 +195,16 @@ class ChangeRequest(PictureOptions):
 
     def check(self) -> None:
         """Refuse options without what they belong to, outputs that exist or are inputs, and a report of an unknown form."""
-        self._refuse_unused()
+        if not _DENSITIES_KG_M3[0] <= self.density_kg_m3 <= _DENSITIES_KG_M3[1]:
+            raise ConfigError(
+                f"--density is {self.density_kg_m3:g}; {_DENSITIES_KG_M3[0]:g} to {_DENSITIES_KG_M3[1]:,g} kg/m³ were expected, "
+                "such as 850 for ice and firn."
+            )
+        if self.method is None:
+            self.refuse_cloud_options()
+            self._refuse_unused()
+        else:
+            self._refuse_options_of_maps()
         inputs = with_companions(self.inputs)
         refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
         if stated_details(self.details) and self.report is None:
@@ -112,16 +217,40 @@ class ChangeRequest(PictureOptions):
         own = () if check_target(self.report).suffix else REPORT_OUTPUTS
         refuse_existing([self.report], force=self.force, inputs=inputs, own=own)
 
+    def _refuse_options_of_maps(self) -> None:
+        """Refuse what a comparison of two point clouds does not take."""
+        from survey.io.point_files import READ_ENDINGS
+
+        options = {
+            "--flow": self.flow,
+            "--days": self.days,
+            "--thickness": self.thickness,
+            "--align": self.align,
+            "--report": self.report,
+        }
+        stated = next((name for name, value in options.items() if value), None)
+        if stated is not None:
+            raise survey.InputError(
+                f"{stated} is of maps, and --method m3c2 compares point clouds; leave {stated} out."
+            )
+        for file in (self.later, self.earlier):
+            if file.suffix.lower() not in READ_ENDINGS:
+                raise survey.InputError(
+                    f"--method m3c2 compares point clouds ({', '.join(READ_ENDINGS)}), and {file} is none; name clouds, or leave --method out."
+                )
+        if self.select and self.outline is None:
+            raise survey.InputError("--select chooses polygons; add --outline with their file.")
+
     def _refuse_unused(self) -> None:
         """Refuse options of the flow without a flow, and a flow or no outline between terrain models."""
+        cloud = next((one for one in (self.later, self.earlier) if one.suffix.lower() in _CLOUDS), None)
+        if cloud is not None:
+            raise survey.InputError(
+                f"{cloud} is a point cloud; compare two clouds with --method m3c2, or map them first (firnline reconstruct)."
+            )
         stated = [
             name for name, value in {"--days": self.days, "--thickness": self.thickness}.items() if value
         ]
-        if not _DENSITIES_KG_M3[0] <= self.density_kg_m3 <= _DENSITIES_KG_M3[1]:
-            raise ConfigError(
-                f"--density is {self.density_kg_m3:g}; {_DENSITIES_KG_M3[0]:g} to {_DENSITIES_KG_M3[1]:,g} kg/m³ were expected, "
-                "such as 850 for ice and firn."
-            )
         if self.outline is None and (self.select or self.later.suffix == ".npz"):
             what = "--select chooses polygons" if self.select else "terrain models are compared over polygons"
             raise survey.InputError(f"{what}; add --outline with their file.")
@@ -142,6 +271,51 @@ def is_aligned(request: ChangeRequest) -> bool:
     files = [one / "dem.tif" if one.is_dir() else one for one in (request.later, request.earlier)]
     later, earlier = map(stated_source, files)
     return not later or later != earlier
+
+
+def polygons_of(request: ChangeRequest, crs: "CRS") -> tuple["Glaciers", "Polygon | MultiPolygon | None"]:
+    """Read the outlines, and the ground that did not change; none where they are not named."""
+    import shapely
+
+    from survey.scoring.differencing.change_files import Glaciers, read_glaciers, read_outlines
+
+    glaciers = Glaciers({}, {})
+    if request.outline is not None:
+        glaciers = read_glaciers(request.outline, crs, request.select)
+    if request.stable is None:
+        return glaciers, None
+    return glaciers, shapely.union_all(list(read_outlines(request.stable, crs).values()))
+
+
+class Clouds(NamedTuple):
+    """Later and earlier point cloud, and notes on the points that were left out."""
+
+    later: survey.SurfacePoints
+    earlier: survey.SurfacePoints
+    notes: tuple[str, ...]
+
+
+# Points of clouds need not state their errors, which M3C2 takes from their scatter.
+_UNUSED_SIGMA_M = 1.0
+
+
+def clouds_of(request: ChangeRequest) -> Clouds:
+    """Read two point clouds with the ground that the options choose."""
+    from survey.io.column_names import parse_columns
+
+    (later, new), (earlier, old) = (
+        survey.SurfacePoints.read_noted(
+            file,
+            crs=request.crs,
+            sigma_m=_UNUSED_SIGMA_M,
+            vertical_datum=request.datum,
+            columns=parse_columns(request.columns, layout=request.layout),
+            units=request.units,
+            ground=request.ground,
+        )
+        for file in (request.later, request.earlier)
+    )
+    return Clouds(later, earlier, (*new, *old))
 
 
 class Surveys(NamedTuple):
