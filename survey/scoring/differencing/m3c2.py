@@ -279,10 +279,11 @@ def core_points(xyz: FloatArray, spacing_m: float) -> FloatArray:
 
 def _scales(new: FloatArray, old: FloatArray, given: M3C2Scales) -> M3C2Scales:
     """Return the lengths that were given, and for zeros those that follow from spacing, roughness and distance of the clouds."""
-    trees = cKDTree(new), cKDTree(old)
     some_new, some_old = (cloud[:: max(1, len(cloud) // _N_SAMPLE)] for cloud in (new, old))
-    apart_m = max(_spacing_m(tree, some) for tree, some in zip(trees, (some_new, some_old), strict=True))
-    cylinder_m = given.cylinder_m or _rounded(apart_m * np.sqrt(4.0 * _N_IN_CYLINDER / np.pi))
+    cylinder_m = given.cylinder_m
+    if not cylinder_m:
+        apart_m = max(_spacing_m(new, some_new), _spacing_m(old, some_old))
+        cylinder_m = _rounded(apart_m * np.sqrt(4.0 * _N_IN_CYLINDER / np.pi))
     normals_m = given.normals_m
     if not normals_m:
         smallest_m = _flat_scale_m(some_old, _Columns.of(old, cylinder_m), cylinder_m)
@@ -290,7 +291,7 @@ def _scales(new: FloatArray, old: FloatArray, given: M3C2Scales) -> M3C2Scales:
     depth_m = given.depth_m
     if not depth_m:
         beside, _ = cKDTree(new[:, :2]).query(some_old[:, :2], distance_upper_bound=cylinder_m)
-        between = np.asarray(trees[0].query(some_old[np.isfinite(beside)])[0])
+        between = np.asarray(cKDTree(new).query(some_old[np.isfinite(beside)])[0])
         far_m = float(np.quantile(between, 0.99)) if between.size else 0.0
         depth_m = _rounded(2.0 * (cylinder_m + far_m))
     return M3C2Scales(tuple(sorted(normals_m)), cylinder_m, depth_m, given.spacing_m or cylinder_m)
@@ -301,11 +302,11 @@ def _rounded(length_m: float) -> float:
     return float(f"{length_m:.1e}")
 
 
-def _spacing_m(tree: cKDTree, sample: FloatArray) -> float:
-    """Return the distance between points on a surface [m], by the median density of points (N, 3) about a sample."""
-    if tree.n <= _N_NEAR:
-        raise InputError(f"a cloud has {tree.n} points; {_N_NEAR + 1} are needed at least.")
-    far = np.asarray(tree.query(sample, _N_NEAR + 1)[0])
+def _spacing_m(xyz: FloatArray, sample: FloatArray) -> float:
+    """Return the distance between points (N, 3) on a surface [m], by their median density about a sample."""
+    if len(xyz) <= _N_NEAR:
+        raise InputError(f"a cloud has {len(xyz)} points; {_N_NEAR + 1} are needed at least.")
+    far = np.asarray(cKDTree(xyz).query(sample, _N_NEAR + 1)[0])
     radius_m = float(np.median(far[:, -1]))
     if radius_m == 0.0:
         raise InputError("most points of a cloud coincide; write each point once.")
