@@ -300,20 +300,24 @@ _UNUSED_SIGMA_M = 1.0
 
 
 def clouds_of(request: ChangeRequest) -> Clouds:
-    """Read two point clouds with the ground that the options choose."""
+    """Read two point clouds with the ground that the options choose; columns are of the tables among them."""
     from survey.io.column_names import parse_columns
+    from survey.io.point_files import TABLES
 
+    files = request.later, request.earlier
+    tables = [file for file in files if file.suffix.lower() in TABLES] or files
+    columns = parse_columns(request.columns, layout=request.layout)
     (later, new), (earlier, old) = (
         survey.SurfacePoints.read_noted(
             file,
             crs=request.crs,
             sigma_m=_UNUSED_SIGMA_M,
             vertical_datum=request.datum,
-            columns=parse_columns(request.columns, layout=request.layout),
+            columns=columns if file in tables else None,
             units=request.units,
             ground=request.ground,
         )
-        for file in (request.later, request.earlier)
+        for file in files
     )
     return Clouds(later, earlier, (*new, *old))
 
