@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pyproj import CRS
     from shapely import MultiPolygon, Polygon
 
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.differencing.change_files import Glaciers
 
 OUTPUTS = (
@@ -290,8 +291,8 @@ def polygons_of(request: ChangeRequest, crs: "CRS") -> tuple["Glaciers", "Polygo
 class Clouds(NamedTuple):
     """Later and earlier point cloud, and notes on the points that were left out."""
 
-    later: survey.SurfacePoints
-    earlier: survey.SurfacePoints
+    later: "survey.SurfacePoints"
+    earlier: "survey.SurfacePoints"
     notes: tuple[str, ...]
 
 
@@ -320,6 +321,21 @@ def clouds_of(request: ChangeRequest) -> Clouds:
         for file in files
     )
     return Clouds(later, earlier, (*new, *old))
+
+
+def models_of(request: ChangeRequest) -> tuple["GaussianProcessTerrain", "GaussianProcessTerrain", "CRS"]:
+    """Read two terrain models, and the CRS that one of them carries."""
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+
+    later, earlier = request.later, request.earlier
+    new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
+    crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
+    if crs is None:
+        raise survey.InputError(
+            f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
+            "compare their maps instead."
+        )
+    return new, old, crs
 
 
 class Surveys(NamedTuple):

@@ -10,6 +10,7 @@ from firnline.actions.change_request import (
     ChangeRequest,
     clouds_of,
     is_aligned,
+    models_of,
     polygons_of,
     surveys_of,
 )
@@ -118,7 +119,7 @@ class CloudChangeResult(WrittenResult):
             self.request.write_pictures(draft, self._pictures)
 
     def _pictures(self) -> dict[str, "Figure"]:
-        from survey.figures.maps import change_map, distance_map
+        from survey.figures import change_map, distance_map
 
         figures = {"change_points": distance_map(self.change.distances, self.outlines)}
         if self.change.change is not None:
@@ -247,18 +248,10 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
 def _models_compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     import shapely
 
-    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.differencing.change_files import read_outlines
     from survey.scoring.differencing.difference import change_of_models
 
-    later, earlier = request.later, request.earlier
-    new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
-    crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
-    if crs is None:
-        raise survey.InputError(
-            f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
-            "compare their maps instead."
-        )
+    new, old, crs = models_of(request)
     assert request.outline is not None
     outlines = read_outlines(request.outline, crs, request.select)
     bounds = shapely.union_all(list(outlines.values())).bounds

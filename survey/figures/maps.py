@@ -6,7 +6,7 @@ surveys. Maps of errors stand in `survey.figures.errors`, those of a planned rou
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -49,8 +49,10 @@ from survey.figures.style import (
     symmetric_limits,
 )
 from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
-from survey.scoring.differencing.m3c2 import CloudDistances
 from survey.scoring.differencing.volume_change import Change
+
+if TYPE_CHECKING:
+    from survey.scoring.differencing.m3c2 import CloudDistances  # loads compiled loops
 
 SUPPORT = {
     UNSEEN: ("Unseen", "#efefef"),
@@ -427,7 +429,7 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
 
 
 @styled
-def distance_map(found: CloudDistances, outlines: Mapping[str, Polygon | MultiPolygon]) -> Figure:
+def distance_map(found: "CloudDistances", outlines: Mapping[str, Polygon | MultiPolygon]) -> Figure:
     """Draw the distances between two point clouds at the core points; those below the level of detection are pale.
 
     `outlines`: drawn on top [m].
