@@ -79,6 +79,9 @@ from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics
 from survey.scoring.coverage import Coverage as Coverage
 from survey.scoring.differencing.along_flow import Thickness as Thickness
 from survey.scoring.differencing.difference import change as change
+from survey.scoring.differencing.m3c2 import CloudDistances as CloudDistances
+from survey.scoring.differencing.m3c2 import M3C2Scales as M3C2Scales
+from survey.scoring.differencing.m3c2 import m3c2 as m3c2
 from survey.scoring.differencing.volume_change import Change as Change
 from survey.scoring.differencing.volume_change import VolumeChange as VolumeChange
 from survey.scoring.scores import Score as Score

@@ -21,6 +21,7 @@ from survey.io.point_table import PLACE, SIGMA
 from survey.io.trajectory_files import TUM_COLUMNS
 from survey.scoring.differencing.change_files import BAND_COLUMNS as BANDS
 from survey.scoring.differencing.change_files import TABLE_COLUMNS as CHANGE
+from survey.scoring.differencing.cloud_change import POINT_COLUMNS
 
 _HEAD = """\
 # File formats
@@ -120,12 +121,15 @@ def title(kind: type[SensorRecords]) -> str:
 
 def changes() -> str:
     """Return the section on changes between surveys."""
-    rows, bands = ([(code(name), unit_by_name(name)) for name in names] for names in (CHANGE, BANDS))
+    names = (CHANGE, BANDS, POINT_COLUMNS)
+    rows, bands, points_of_clouds = ([(code(name), unit_by_name(name)) for name in one] for one in names)
     return (
         "## Changes\n\n`change.csv` has one row for each outline, and so has `change.gpkg`.\n\n"
         + table(("column", "unit"), rows)
         + "\n`change_bands.csv` has one row for each elevation band of an outline.\n\n"
         + table(("column", "unit"), bands)
+        + "\n`change_points.csv` and `.laz` of two point clouds have one row for each core point.\n\n"
+        + table(("column", "unit"), points_of_clouds)
     )
 
 

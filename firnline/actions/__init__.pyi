@@ -3,8 +3,9 @@
 from firnline.actions.calibrating import CalibrateRequest as CalibrateRequest
 from firnline.actions.calibrating import CalibrationResult as CalibrationResult
 from firnline.actions.calibrating import calibrate as calibrate
-from firnline.actions.changes import ChangeRequest as ChangeRequest
+from firnline.actions.change_request import ChangeRequest as ChangeRequest
 from firnline.actions.changes import ChangeResult as ChangeResult
+from firnline.actions.changes import CloudChangeResult as CloudChangeResult
 from firnline.actions.changes import change as change
 from firnline.actions.exporting import DownloadRequest as DownloadRequest
 from firnline.actions.exporting import DownloadResult as DownloadResult

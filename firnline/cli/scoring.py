@@ -69,6 +69,8 @@ def change(request: actions.ChangeRequest, dry_run: DryRun = False, as_json: Jso
       firnline change 2026.tif 2024.tif --outline glacier.gpkg --report change.pdf
 
       firnline change 2026.tif 2024.tif --outline glacier.gpkg --flow track --thickness 80
+
+      firnline change 2026.laz 2024.laz --method m3c2 --registration 0.02
     """
     perform(actions.change, request, dry_run=dry_run, as_json=as_json)
 

@@ -7,6 +7,7 @@ from survey.figures.errors import error_map as error_map
 from survey.figures.errors import terrain_profile as terrain_profile
 from survey.figures.maps import change_map as change_map
 from survey.figures.maps import deviation_map as deviation_map
+from survey.figures.maps import distance_map as distance_map
 from survey.figures.maps import landmark_map as landmark_map
 from survey.figures.maps import support_map as support_map
 from survey.figures.maps import survey_map as survey_map

@@ -6,6 +6,7 @@ surveys. Maps of errors stand in `survey.figures.errors`, those of a planned rou
 """
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -22,7 +23,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.figures.layout import add_colour_bar, add_legend, grouped, label_maps, map_figure, view
+from survey.figures.layout import add_colour_bar, add_legend, grouped, label_maps, map_figure, view, widen
 from survey.figures.map_layers import (
     decimate,
     draw_area,
@@ -49,6 +50,9 @@ from survey.figures.style import (
 )
 from survey.reconstruction.terrain_map import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
 from survey.scoring.differencing.volume_change import Change
+
+if TYPE_CHECKING:
+    from survey.scoring.differencing.m3c2 import CloudDistances  # loads compiled loops
 
 SUPPORT = {
     UNSEEN: ("Unseen", "#efefef"),
@@ -421,4 +425,38 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
         Patch(facecolor="white", edgecolor=VEIL, label="Pale: not significant at 95 %"),
     ]
     add_legend(drawing, handles)
+    return drawing.figure
+
+
+@styled
+def distance_map(found: "CloudDistances", outlines: Mapping[str, Polygon | MultiPolygon]) -> Figure:
+    """Draw the distances between two point clouds at the core points; those below the level of detection are pale.
+
+    `outlines`: drawn on top [m].
+    """
+    x, y = found.xyz[:, :2].T
+    west, south, east, north = widen((x.min(), y.min(), x.max(), y.max()))
+    margin = max(0.02 * (east - west), found.scales.spacing_m)
+    drawing = map_figure(FULL_IN, (west - margin, south - margin, east + margin, north + margin))
+    axes = drawing.maps[0]
+    # Half of the spacing to each side, in points of the printed map.
+    width_pt = 72.0 * axes.get_position().width * FULL_IN / (east - west + 2.0 * margin)
+    size = max(1.0, (found.scales.spacing_m * width_pt) ** 2)
+    limits, beyond = symmetric_limits(found.distance_m), found.significant != 0
+    look: dict[str, Any] = {
+        "marker": "s",
+        "cmap": ERROR,
+        "norm": limits,
+        "linewidths": 0.0,
+        "rasterized": True,
+    }
+    for chosen, alpha in ((~beyond, 0.35), (beyond, 1.0)):
+        points = axes.scatter(x[chosen], y[chosen], size, found.distance_m[chosen], alpha=alpha, **look)
+    for shape in outlines.values():
+        axes.add_patch(PathPatch(outline_path(shape), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
+    add_colour_bar(points, drawing, "Distance along the normal [m]", extend="both")
+    label_maps(drawing, "Later \u2212 earlier", crs=found.crs)
+    add_legend(
+        drawing, [Patch(facecolor="white", edgecolor=VEIL, label="Pale: below the level of detection (95 %)")]
+    )
     return drawing.figure

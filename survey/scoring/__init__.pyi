@@ -4,6 +4,8 @@ from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics
 from survey.scoring.coverage import Coverage as Coverage
 from survey.scoring.differencing.difference import change as change
+from survey.scoring.differencing.m3c2 import CloudDistances as CloudDistances
+from survey.scoring.differencing.m3c2 import m3c2 as m3c2
 from survey.scoring.differencing.volume_change import Change as Change
 from survey.scoring.scores import Score as Score
 from survey.scoring.scores import score as score

@@ -12,6 +12,7 @@
 | scans | two LiDAR scans of a few square metres |
 | weather.csv | air temperature along four lines |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
+| 2026.laz, 2024.laz | point clouds of two surveys |
 """
 
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy as np
 import pyproj
 import shapely
 
-from survey import Dem, Grid, SurveyArea
+from survey import Dem, Grid, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.io.raster import write_raster
 from survey.io.vector import write_features
@@ -65,6 +66,7 @@ def make_scratch(folder: Path) -> None:
     _write_surveys(folder, rng)
     _write_scans(folder / "scans", rng)
     _write_weather(folder / "weather.csv", rng)
+    _write_clouds(folder, rng)
 
 
 def _write_map(path: Path, truth: Dem, rng: np.random.Generator) -> None:
@@ -110,6 +112,17 @@ def _write_surveys(folder: Path, rng: np.random.Generator) -> None:
         Dem(heights, old.transform, old.crs, DATUM).write(folder / name)
     names = {"name": np.array(["North glacier"], dtype=object)}
     write_features(folder / "glacier.gpkg", [ice], names, old.crs, layer="outlines")
+
+
+def _write_clouds(folder: Path, rng: np.random.Generator) -> None:
+    """Write two point clouds; the glacier sank by 2 m between them, and the later one lies 0.1 m too high."""
+    for name, sank, off in (("2024.laz", 0.0, 0.0), ("2026.laz", 2.0, 0.1)):
+        xy = np.array([WEST, SOUTH]) + rng.uniform(0.0, SIDE, (40_000, 2))
+        on_ice = np.hypot(*(xy - (WEST + 300.0, SOUTH + 300.0)).T) < 150.0
+        z = surface(*xy.T) - sank * on_ice + off + rng.normal(0.0, 0.05, len(xy))
+        SurfacePoints(np.column_stack([xy, z]), sigma_m=0.05, crs=CRS, vertical_datum=DATUM).write(
+            folder / name
+        )
 
 
 def _write_scans(folder: Path, rng: np.random.Generator) -> None:

@@ -15,12 +15,13 @@ from sim.montecarlo.results import error_curves
 from survey import figures as drawn
 from survey.core.files import PictureKind
 from survey.data.dem import Dem
+from survey.data.surface_points import SurfacePoints
 from survey.figures import calibration, errors, maps, paths, plans
 from survey.figures.layout import PAPERS_MM, arranged, is_wide
 from survey.figures.style import FULL_IN, picture_bytes
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reporting.rendering import PictureForm
-from survey.scoring import Change, Checkpoints, ErrorStatistics, compare
+from survey.scoring import Change, Checkpoints, CloudDistances, ErrorStatistics, compare, m3c2
 from tests.printing import assert_fonts_embedded, assert_printable
 from tests.sim.mission.test_fault_tree import FOUND
 from tests.survey import conftest
@@ -45,6 +46,16 @@ def _rows() -> list[dict[str, Any]]:
         }
         for planner in ("lawnmower", "wavy") for n in (2, 4, 8)
     ]  # fmt: skip
+
+
+def _distances(s: SimpleNamespace) -> CloudDistances:
+    """Distances between two clouds at the nodes of the site; the later one sank in the west."""
+    xyz = np.column_stack([s.grid.xy, s.truth.elevation.ravel()])
+    sank = np.column_stack(
+        [s.grid.xy, s.truth.elevation.ravel() - 0.5 * (s.grid.xy[:, 0] < xyz[:, 0].mean())]
+    )
+    later, earlier = (SurfacePoints(one, sigma_m=0.1, crs=s.grid.crs) for one in (sank, xyz))
+    return m3c2(later, earlier, registration_m=0.05, cylinder_m=25.0, depth_m=20.0, spacing_m=10.0)
 
 
 def _change(site: SimpleNamespace) -> Change:
@@ -74,6 +85,7 @@ FIGURES: dict[str, Callable[[SimpleNamespace, Any], Any]] = {
     "probability_plot": lambda s, _: maps.probability_plot(s.truth, "Slope above 20°", area=s.area, route=s.route),
     "landmark_map": lambda s, _: drawn.landmark_map(s.points, s.truth, area=s.area, route=s.route),
     "change_map": lambda s, _: drawn.change_map(_change(s), {"ice": s.area.polygon}),
+    "distance_map": lambda s, _: drawn.distance_map(_distances(s), {"ice": s.area.polygon}),
     "error_map": lambda s, _: drawn.error_map(s.reconstruction, s.truth, area=s.area, route=s.route),
     "error_histogram": lambda s, score: drawn.error_histogram(s.reconstruction, s.truth, score.elevation, area=s.area),
     "error_against_distance": lambda s, _: drawn.error_against_distance(s.reconstruction, s.truth, s.route),
