@@ -53,8 +53,8 @@ class Backdrop(NamedTuple):
     centre_y: float
 
 
-def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdrop:
-    """Return the cylinder's radiance; ridge lines are smoothed over a texel, haze is included."""
+def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int, albedo: float = 1.0) -> Backdrop:
+    """Return the cylinder's radiance, beyond the map's edge by that albedo; ridge lines are smoothed over a texel."""
     rng = stream(seed, "appearance", "backdrop")
     tangent = (np.arange(_COLUMNS) + 0.5) / _COLUMNS * 2.0 - 1.0
     azimuth = np.concatenate([0.5 * np.pi * face + np.arctan(tangent) for face in range(4)])
@@ -65,8 +65,8 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
     sky = np.broadcast_to(0.62 + 0.30 * np.exp(-np.maximum(elevation, 0.0) / 18.0), rock.shape)
     mountain = np.clip((crest - elevation) / 0.12 + 0.5, 0.0, 1.0) * (config.ridges_deg > 0.0)
     picture = mountain * (rock * clear + 0.9 * (1.0 - clear)) + (1.0 - mountain) * sky
-    plain = np.clip(-elevation / 0.2, 0.0, 1.0)  # snow beyond the map's edge
-    picture = plain * (0.88 * clear + 0.9 * (1.0 - clear)) + (1.0 - plain) * picture
+    plain = np.clip(-elevation / 0.2, 0.0, 1.0)  # ground beyond the map's edge
+    picture = plain * (0.88 * albedo * clear + 0.9 * (1.0 - clear)) + (1.0 - plain) * picture
     faces = np.ascontiguousarray(picture.reshape(_ROWS, 4, _COLUMNS).transpose(1, 0, 2), np.float32)
     return Backdrop(faces, config.ridges_distance_m, float(centre[0]), float(centre[1]))
 
@@ -188,6 +188,11 @@ def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: Ap
     share_out(
         _light, height, *south_up, patches, terrain.step_m, sun_direction(config), config.sky_share, words
     )
+    return mipmap(words)
+
+
+def mipmap(words: Words) -> GroundMap:
+    """Return the map of nodes (rows, columns) with its coarser levels."""
     levels: list[Words] = [words]
     while len(levels) < _LEVELS:
         rows, columns = (max(int(n) // 2, 2) for n in levels[-1].shape)
@@ -195,7 +200,7 @@ def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: Ap
         share_out(_halve, levels[-1], coarser)
         levels.append(coarser)
     starts = np.cumsum([0] + [level.size for level in levels[:-1]]).astype(np.int32)
-    rows, columns = height.shape
+    rows, columns = words.shape
     return GroundMap(np.concatenate([level.ravel() for level in levels]), starts, int(columns), int(rows))
 
 
