@@ -243,7 +243,7 @@ def lay_snow(n: int, at: Footprints, albedo: float) -> None:
         bare = albedo * (one - snow)
         at.texture[k] = snow + bare * (one + rough) - one
         at.weight0[k], at.weight1[k] = at.weight0[k] * snow, at.weight1[k] * snow
-        grain = f32(0.3) * snow + bare  # snow is smoother than gravel and the crust of ice
+        grain = f32(0.12) * snow + bare  # snow is smoother than gravel and the crust of ice
         at.grain0[k], at.grain1[k] = at.grain0[k] * grain, at.grain1[k] * grain
         at.water[k] = zero
 

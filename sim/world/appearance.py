@@ -141,7 +141,7 @@ def gravel_tile(config: AppearanceConfig, seed: int) -> Tile:
     """Return the 2.5 m tile of gravel, stones of 0.8 to 4 cm, at 2.5 mm."""
     height, tone = np.zeros((2, GRAIN_TEXELS, GRAIN_TEXELS), np.float32)
     tone += np.float32(1.0)
-    _lay_stones(stream(seed, "appearance", "gravel"), height, tone, GRAIN_TEXEL_M, (0.0075, 0.04))
+    _lay_stones(stream(seed, "appearance", "gravel"), height, tone, GRAIN_TEXEL_M, (0.0075, 0.04), cover=1.0)
     texture = np.float32(0.6 * config.contrast) * tone * light_on(height, GRAIN_TEXEL_M, config)
     return pack_tile(texture, 1.0 / GRAIN_TEXEL_M)
 
@@ -161,28 +161,38 @@ def _stony(rng: np.random.Generator) -> tuple[FloatGrid, FloatGrid]:
     tone = np.exp(
         np.float32(0.12) * _noise(rng, (0.02, 0.08), 0.3) + np.float32(0.12) * _noise(rng, (1.0, 10.0), 1.0)
     )
-    _lay_stones(rng, height, tone, ROUGH_TEXEL_M, (0.015, 0.6))
+    _lay_stones(rng, height, tone, ROUGH_TEXEL_M, (0.015, 0.6), cover=1.0)
     return height, tone
 
 
 def _lay_stones(
-    rng: np.random.Generator, height: FloatGrid, tone: FloatGrid, texel_m: float, sizes_m: tuple[float, float]
+    rng: np.random.Generator,
+    height: FloatGrid,
+    tone: FloatGrid,
+    texel_m: float,
+    sizes_m: tuple[float, float],
+    *,
+    cover: float,
 ) -> None:
-    """Cover a tile with stones; those of the least width lie two to three widths apart."""
-    number = round(0.045 * height.size * (3.0 * texel_m / sizes_m[0]) ** 2)
+    """Lay stones on a tile; at a cover of 1 those of the least width lie two to three widths apart."""
+    number = round(0.045 * cover * height.size * (3.0 * texel_m / sizes_m[0]) ** 2)
     stones = draw_blocks(rng, number, sizes_m, np.array(height.shape[::-1]) * texel_m, tone_sd=0.3)
     lay_blocks(height, tone, texel_m, stones, periodic=True)
 
 
 def _icy(rng: np.random.Generator, downhill_rad: float) -> tuple[FloatGrid, FloatGrid]:
-    """Return heights [m] and reflectance of a tile of weathered ice: crust, dust, bands, rills, cryoconite holes."""
+    """Return heights [m] and reflectance of a tile of weathered ice: crust, dust in bands, rills, holes, single stones."""
     along = {"stretch": 6.0, "angle": downhill_rad}
-    rill = np.exp(-((_noise(rng, (0.4, 3.0), 1.5, **along) / np.float32(0.06)) ** 2))
+    rill = np.exp(-((_noise(rng, (0.4, 2.0), 1.5, stretch=12.0, angle=downhill_rad) / np.float32(0.06)) ** 2))
     dust = _noise(rng, (0.1, 6.0), 1.2) + np.float32(0.6) * _noise(rng, (0.1, 2.0), 1.0, **along)
+    weathered = np.exp(np.float32(0.8) * _noise(rng, (0.5, 8.0), 1.2))  # rough here, smooth there
     hole = _specks(rng, 1.5) * (dust > 0.0)
-    height = np.float32(0.008) * _noise(rng, (0.03, 0.5), 1.3) - np.float32(0.02) * (rill + hole)
+    height = weathered * np.float32(0.004) * _noise(rng, (0.03, 0.5), 1.3) - np.float32(0.02) * (rill + hole)
     tone = np.exp(np.float32(-0.22) * np.maximum(dust, -1.0) - np.float32(0.35) * rill)
-    tone *= np.exp(np.float32(0.06) * _noise(rng, (0.02, 0.1), 0.5)) * (1.0 - np.float32(0.6) * hole)
+    tone *= np.exp(np.float32(0.03) * weathered * _noise(rng, (0.02, 0.1), 0.5)) * (
+        1.0 - np.float32(0.6) * hole
+    )
+    _lay_stones(rng, height, tone, ROUGH_TEXEL_M, (0.015, 0.4), cover=0.03)
     return height, tone
 
 

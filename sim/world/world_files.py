@@ -149,7 +149,8 @@ class WorldModel:
 
 def _at_nodes(grid: FloatGrid, at: Sequence[FloatGrid]) -> FloatGrid:
     """Interpolate a grid at columns and rows."""
-    return np.asarray(cv2.remap(grid, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    found = cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)
 
 
 def _sampled(tile: Tile, x: FloatArray, y: FloatArray, texel_m: float) -> FloatGrid:
