@@ -302,6 +302,8 @@ class ImagingConfig(Section):
     """Steps in which automatic gain changes, in powers of two (exposure values); 0 for any gain."""
     vignetting: Share = 0.15
     """Loss of light in the corners."""
+    drops: NonNegativeInt = 0
+    """Drops of melt water on the lens, out of focus."""
     blur_px: NonNegativeFloat = 0.5
     """Standard deviation of the lens's blur [pixels]."""
     noise: Literal["on", "off"] = "on"

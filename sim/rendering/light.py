@@ -419,10 +419,13 @@ class ImageSensor:
         self._draws = stream(seed, "camera", "noise").standard_normal(_DRAWS, np.float32)
         self._seed = int(stream(seed, "camera", "frames").integers(1 << 30))
         self._transmission = _vignette(camera, config.vignetting)
+        self._scattered = _drops(camera, config.drops, stream(seed, "camera", "drops"))
 
     def image(self, radiance: Floats, frame_index: int) -> Image:
         """Return the 8-bit image of a frame."""
         config = self._config
+        if config.drops:
+            radiance = radiance + self._scattered * (_hazy(radiance) - radiance)
         if config.blur_px > 0.0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), config.blur_px)
         noisy = config.noise == "on"
@@ -459,6 +462,31 @@ def _vignette(camera: Camera, loss: float) -> Floats:
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     squared = (u - camera.matrix[0, 2]) ** 2 + (v - camera.matrix[1, 2]) ** 2
     return (1.0 - loss * squared / squared.max()).astype(np.float32)
+
+
+_DROP_RADII = 0.02, 0.08
+"""Radius of a drop's image, which is out of focus, as a share of the image's width."""
+_SCATTER_WIDTH = 0.15
+
+
+def _drops(camera: Camera, number: int, rng: np.random.Generator) -> Floats:
+    """Return the share of light (H, W) that drops on the lens scatter: each covers a part of the aperture."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float32)
+    clear = np.ones((camera.height, camera.width), np.float32)
+    for _ in range(number):
+        x, y = rng.uniform(0.0, camera.width), rng.uniform(0.0, camera.height)
+        radius = camera.width * rng.uniform(*_DROP_RADII)
+        inside = np.clip(2.0 * (1.0 - np.hypot(u - x, v - y) / radius), 0.0, 1.0)
+        clear *= np.float32(1.0) - np.float32(rng.uniform(0.5, 0.9)) * inside
+    return np.float32(1.0) - clear
+
+
+def _hazy(radiance: Floats) -> Floats:
+    """Return the light that a drop brings to each pixel: that from around it."""
+    width = _SCATTER_WIDTH * radiance.shape[1]
+    small = cv2.resize(radiance, None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA)
+    soft = cv2.GaussianBlur(small, (0, 0), width / 8.0)
+    return np.asarray(cv2.resize(soft, radiance.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 @by_share

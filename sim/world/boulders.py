@@ -34,7 +34,7 @@ class Blocks(NamedTuple):
 
 def number_above(least_m: float, above_1_m: float) -> float:
     """Return how many blocks are wider than a size, of which so many are wider than 1 m: a power law."""
-    return above_1_m * least_m**-_SIZE_EXPONENT
+    return float(above_1_m * least_m**-_SIZE_EXPONENT)
 
 
 def draw_blocks(
