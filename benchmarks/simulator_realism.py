@@ -7,7 +7,7 @@ The only snow is that of the first date, which lies in patches on the debris; it
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -25,7 +25,7 @@ from papers.glacier.images import (
     spread,
     verdicts,
 )
-from sim.config.world import AppearanceConfig, ImagingConfig, SceneryConfig
+from sim.config.world import AppearanceConfig, SceneryConfig
 
 _PATCH_PX = 80
 _CHOOSING_SEED, _JUDGING_SEED = 310, 410
@@ -43,13 +43,10 @@ class Surface:
     scenery: SceneryConfig
     regions: dict[str, list[tuple[Region, tuple[int, ...]]]]
     least: int | None = None
-    settings: dict[str, tuple[float, ...]] = field(
-        default_factory=lambda: {
-            "sky_share": (0.45, 0.6),
-            "sun_elevation_deg": (45.0,),
-            "blur_px": (0.5, 0.8),
-        }
-    )
+
+
+_SETTINGS = {"contrast": (0.7, 0.85, 1.0), "sky_share": (0.45, 0.6)}
+"""Settings of the appearance that are tried."""
 
 
 def _scenery(surface: str, snow_cover: float = 0.0) -> SceneryConfig:
@@ -128,21 +125,17 @@ def _choose(
     surface: Surface, known: tuple[dict[str, tuple[float, float, float]], int], *, quick: bool
 ) -> dict[str, float]:
     """Return the settings whose images are nearest to the photographs."""
-    grid = [
-        dict(zip(surface.settings, values, strict=True)) for values in product(*surface.settings.values())
-    ]
+    grid = [dict(zip(_SETTINGS, values, strict=True)) for values in product(*_SETTINGS.values())]
     misfits = [
-        misfit(_rendered(surface, one, _CHOOSING_SEED, 1), known[0]) for one in grid[:: 4 if quick else 1]
+        misfit(_rendered(surface, one, _CHOOSING_SEED, 1), known[0]) for one in grid[:: 3 if quick else 1]
     ]
     return grid[int(np.argmin(misfits))]
 
 
 def _rendered(surface: Surface, settings: dict[str, float], seed: int, n_frames: int) -> dict[str, float]:
     """Return the median of each measure over the patches of rendered frames."""
-    light = {name: value for name, value in settings.items() if name != "blur_px"}
-    scene = SnowScene(
-        AppearanceConfig(**light), seed, ImagingConfig(blur_px=settings["blur_px"]), surface.scenery
-    )
+    look = AppearanceConfig.model_validate({"sun_elevation_deg": 45.0, **settings})
+    scene = SnowScene(look, seed, scenery=surface.scenery)
     frames: Sequence = [ground_region(*scene.frame(drive)) for drive in range(n_frames)]
     patches = patch_statistics(frames, _PATCH_PX)
     return {name: float(np.median([patch[name] for patch in patches])) for name in patches[0]}

@@ -270,27 +270,32 @@ def _paint_sky(
 
 
 @scalar
+def read_rough_ground(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Doubles) -> None:
+    """Read the texture of bare ice or debris with the snow on it."""
+    ground, rough = scene.ground, scene.rough.tile
+    for tap in range(2):
+        read_map(
+            tap, n, at, origin[0], origin[1], scene.rough.snow, ground.starts, ground.columns, ground.rows,
+            scene.surface.step_m,
+        )  # fmt: skip
+    to_level(n, at, rough.per_m)
+    aim(
+        n, at, at.weight0, at.weight1, at.taps, at.level, rough.starts, rough.mask, rough.per_m, rough.gain, to,
+    )  # fmt: skip
+    read_tile(n, at, at.taps, to, rough.words)
+    lay_snow(n, at, scene.rough.albedo)
+    to_level(n, at, scene.snow.per_m)
+
+
+@scalar
 def read_surface(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Doubles) -> None:
     """Read light and texture over the footprints."""
     ground, snow, grain = scene.ground, scene.snow, scene.grain
     longest, narrowest = _extremes(n, at)
     lattice(n, at)
-    n_taps = 2 if longest > 0.6 else 1
     if scene.rough.snow.size > 1:
-        rough = scene.rough.tile
-        for tap in range(n_taps):
-            read_map(
-                tap, n, at, origin[0], origin[1], scene.rough.snow, ground.starts, ground.columns, ground.rows,
-                scene.surface.step_m,
-            )  # fmt: skip
-        to_level(n, at, rough.per_m)
-        aim(
-            n, at, at.weight0, at.weight1, at.taps, at.level, rough.starts, rough.mask, rough.per_m, rough.gain, to,
-        )  # fmt: skip
-        read_tile(n, at, at.taps, to, rough.words)
-        lay_snow(n, at, scene.rough.albedo)
-        to_level(n, at, snow.per_m)
-    for tap in range(n_taps):
+        read_rough_ground(n, at, to, scene, origin)
+    for tap in range(2 if longest > 0.6 else 1):
         read_map(
             tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.columns, ground.rows,
             scene.surface.step_m,
