@@ -156,6 +156,8 @@ def _world(kind: str) -> Callable[[Path, int | None], OpenedRun]:
             marks,
             drive.real.position[0],
             drive.real.quaternion[0],
+            mission.scenery.surface,
+            mission.scenery.snow_cover,
         )
         write = {".sdf": write_sdf, ".glb": write_glb, ".obj": write_obj}[kind]
         return OpenedRun(lambda out: write(world, out))

@@ -330,20 +330,20 @@ _GRID: dict[str, tuple[float, ...]] = {
 
 def compare_with_photographs(folder: Path, *, quick: bool, progress: Progress) -> dict[str, Any]:
     """Choose the renderer's settings on one camera's photographs, judge them on the other's."""
-    photographs = {camera: _photographs(camera) for camera in (CHOSEN_ON, JUDGED_ON)}
-    if not all(photographs.values()):
+    found = {camera: photographs(camera) for camera in (CHOSEN_ON, JUDGED_ON)}
+    if not all(found.values()):
         return {"compared": False, "reason": "photos_ice_glacier was not found; set FIRNLINE_DATA."}
-    spread = {camera: _spread(_patches(camera, images)) for camera, images in photographs.items()}
+    spreads = {camera: spread(_patches(camera, images)) for camera, images in found.items()}
     grid = [dict(zip(_GRID, values, strict=True)) for values in product(*_GRID.values())]
     misfits = []
     for number, settings in enumerate(grid[:: 4 if quick else 1]):
         progress("choosing the debris on one camera's photographs", number, len(grid))
-        misfits.append((_misfit(_rendered(settings, _CHOOSING_SEED, 2)[0], spread[CHOSEN_ON]), settings))
+        misfits.append((misfit(_rendered(settings, _CHOOSING_SEED, 2)[0], spreads[CHOSEN_ON]), settings))
     best = min(misfits, key=lambda found: found[0])[1]
     values, images = _rendered(best, _JUDGING_SEED, 2 if quick else 6)
-    rows = list(_verdicts(values, spread[JUDGED_ON]))
+    rows = list(verdicts(values, spreads[JUDGED_ON]))
     write_rows(folder / "photographs.csv", rows)
-    write_picture(folder / "photographs.png", _comparison(photographs[JUDGED_ON], images))
+    write_picture(folder / "photographs.png", _comparison(found[JUDGED_ON], images))
     return {
         "compared": True,
         "chosen": best,
@@ -355,7 +355,8 @@ def compare_with_photographs(folder: Path, *, quick: bool, progress: Progress) -
     }
 
 
-def _photographs(camera: str) -> list[Image]:
+def photographs(camera: str) -> list[Image]:
+    """Return the photographs of one camera as the rover's camera sees, in the order of their dates; none without the data."""
     data = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))
     files = sorted((data / "photos_ice_glacier" / "belvedere" / "img" / camera).glob("*.jpg"))
     return [_as_camera_sees(read_image(file)) for file in files]
@@ -371,28 +372,34 @@ def _as_camera_sees(photograph: Image, width: int = 640) -> Image:
 def _patches(camera: str, images: Sequence[Image]) -> list[dict[str, float]]:
     """Return the statistics of the glacier's patches in photographs."""
     top, bottom = _GLACIER_ROWS[camera]
-    ground = []
-    for image in images:
-        mask = np.zeros(image.shape, bool)
-        mask[round(top * len(image)) : round(bottom * len(image))] = True
-        ground.append((image, mask))
-    return _patch_statistics(ground)
+    return patch_statistics(
+        [(i, (0, round(top * len(i)), i.shape[1], round(bottom * len(i)))) for i in images], _PATCH_PX
+    )
 
 
-def _patch_statistics(images: Sequence[tuple[Image, Mask]]) -> list[dict[str, float]]:
-    """Measure square patches that are wholly on the masked ground."""
+Region = tuple[int, int, int, int]
+"""Left, top, right and bottom of a part of an image [pixels]; right and bottom are excluded."""
+
+
+def patch_statistics(regions: Sequence[tuple[Image, Region]], side_px: int) -> list[dict[str, float]]:
+    """Measure the square patches of regions; those at the right and the bottom are at least half as long."""
     found = []
-    for image, mask in images:
-        rows = np.flatnonzero(mask.mean(axis=1) > 0.99)
-        for top in range(rows[0], rows[-1] - _PATCH_PX // 2, _PATCH_PX):
-            for left in range(0, image.shape[1], _PATCH_PX):
+    for image, (left, top, right, bottom) in regions:
+        for y in range(top, bottom - 1 - side_px // 2, side_px):
+            for x in range(left, right - 1 - side_px // 2, side_px):
                 patch = np.zeros(image.shape, bool)
-                patch[top : min(top + _PATCH_PX, rows[-1] + 1), left : left + _PATCH_PX] = True
+                patch[y : min(y + side_px, bottom), x : min(x + side_px, right)] = True
                 found.append(statistics(image, patch))
     return found
 
 
-def _spread(patches: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float, float]]:
+def ground_region(image: Image, mask: Mask) -> tuple[Image, Region]:
+    """Return an image with the region of its rows that show the ground alone."""
+    rows = np.flatnonzero(mask.mean(axis=1) > 0.99)
+    return image, (0, int(rows[0]), image.shape[1], int(rows[-1]) + 1)
+
+
+def spread(patches: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float, float]]:
     """Return the 5th, 50th and 95th percentile of every measure."""
     return {
         name: tuple(np.percentile([patch[name] for patch in patches], [5, 50, 95]).tolist())
@@ -407,21 +414,22 @@ def _rendered(
     look = AppearanceConfig(**settings, stones=1.0, patches=2.0, haze_m=2000.0)
     scene = SnowScene(look, seed, ImagingConfig(gain=255.0))
     images = [scene.frame(drive) for drive in range(n_frames)]
-    patches = _patch_statistics(images)
+    patches = patch_statistics([ground_region(*frame) for frame in images], _PATCH_PX)
     return {name: float(np.median([p[name] for p in patches])) for name in patches[0]}, [i for i, _ in images]
 
 
-def _misfit(values: Mapping[str, float], spread: Mapping[str, tuple[float, float, float]]) -> float:
+def misfit(values: Mapping[str, float], bounds: Mapping[str, tuple[float, float, float]]) -> float:
     """Return the mean distance from the photographs' medians, in halves of their spread."""
     return float(
-        np.mean([abs(values[n] - mid) / max(high - low, 1e-9) for n, (low, mid, high) in spread.items()])
+        np.mean([abs(values[n] - mid) / max(high - low, 1e-9) for n, (low, mid, high) in bounds.items()])
     )
 
 
-def _verdicts(
-    values: Mapping[str, float], spread: Mapping[str, tuple[float, float, float]]
+def verdicts(
+    values: Mapping[str, float], bounds: Mapping[str, tuple[float, float, float]]
 ) -> Iterator[dict[str, Any]]:
-    for name, (low, middle, high) in spread.items():
+    """Yield each measure with the photographs' spread, and whether it lies within."""
+    for name, (low, middle, high) in bounds.items():
         yield {
             "measure": name,
             "rendered_median": round(values[name], 4),

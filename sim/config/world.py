@@ -220,6 +220,12 @@ class SceneryConfig(Section):
 
     step_m: Annotated[float, Field(gt=0.0, le=LARGEST_STEP_M)] = 0.25
     """Widest distance between the nodes of the fine terrain [m]."""
+    surface: Literal["snow", "bare ice", "debris"] = "snow"
+    """Surface of the glacier: snow, bare and dirty ice with melt channels, or ice that boulders and stones cover."""
+    snow_cover: Share = 0.0
+    """Share of bare ice or debris that lies under patches of snow."""
+    boulders_per_ha: NonNegativeFloat = 30.0
+    """Boulders more than 1 m wide on debris."""
     wind_from_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 235.0
     """Where the wind comes from that shaped the snow, clockwise from north [deg]."""
     dune_sd_m: NonNegativeFloat = 0.10
@@ -296,6 +302,8 @@ class ImagingConfig(Section):
     """Steps in which automatic gain changes, in powers of two (exposure values); 0 for any gain."""
     vignetting: Share = 0.15
     """Loss of light in the corners."""
+    drops: NonNegativeInt = 0
+    """Drops of melt water on the lens, out of focus."""
     blur_px: NonNegativeFloat = 0.5
     """Standard deviation of the lens's blur [pixels]."""
     noise: Literal["on", "off"] = "on"

@@ -220,6 +220,34 @@ def aim(
         to.share0[k], to.share1[k] = weight0[k] * per_tap, weight1[k] * per_tap
 
 
+@row_loop
+def to_level(n: int, at: Footprints, per_m: float) -> None:
+    """Choose the levels of a tile with that number of texels per metre."""
+    per = f32(per_m)
+    for k in range(n):
+        at.level[k] = _level(at.width_m[k] * per)
+
+
+@row_loop
+def lay_snow(n: int, at: Footprints, albedo: float) -> None:
+    """Combine the texture of ground without snow with patches of snow, whose share is in `at.water`.
+
+    Snow lies between stones: the edge of a patch follows the texture. Afterwards the texture holds the reflectance as a
+    share of snow's, less 1, and the weights of the snow's own texture are those of its share.
+    """
+    zero, half, one, albedo = f32(0), f32(0.5), f32(1), f32(albedo)
+    for k in range(n):
+        rough = at.texture[k]
+        share = at.water[k] * f32(1.0 / 255.0)
+        snow = min(max(half + f32(3) * (share - half) - rough, zero), one)
+        bare = albedo * (one - snow)
+        at.texture[k] = snow + bare * (one + rough) - one
+        at.weight0[k], at.weight1[k] = at.weight0[k] * snow, at.weight1[k] * snow
+        grain = f32(0.12) * snow + bare  # snow is smoother than gravel and the crust of ice
+        at.grain0[k], at.grain1[k] = at.grain0[k] * grain, at.grain1[k] * grain
+        at.water[k] = zero
+
+
 @row_loop_in_order
 def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None:
     """Add all taps of both corners' copies of a tile to the texture."""

@@ -53,8 +53,8 @@ class Backdrop(NamedTuple):
     centre_y: float
 
 
-def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdrop:
-    """Return the cylinder's radiance; ridge lines are smoothed over a texel, haze is included."""
+def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int, albedo: float = 1.0) -> Backdrop:
+    """Return the cylinder's radiance, beyond the map's edge by that albedo; ridge lines are smoothed over a texel."""
     rng = stream(seed, "appearance", "backdrop")
     tangent = (np.arange(_COLUMNS) + 0.5) / _COLUMNS * 2.0 - 1.0
     azimuth = np.concatenate([0.5 * np.pi * face + np.arctan(tangent) for face in range(4)])
@@ -65,8 +65,8 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
     sky = np.broadcast_to(0.62 + 0.30 * np.exp(-np.maximum(elevation, 0.0) / 18.0), rock.shape)
     mountain = np.clip((crest - elevation) / 0.12 + 0.5, 0.0, 1.0) * (config.ridges_deg > 0.0)
     picture = mountain * (rock * clear + 0.9 * (1.0 - clear)) + (1.0 - mountain) * sky
-    plain = np.clip(-elevation / 0.2, 0.0, 1.0)  # snow beyond the map's edge
-    picture = plain * (0.88 * clear + 0.9 * (1.0 - clear)) + (1.0 - plain) * picture
+    plain = np.clip(-elevation / 0.2, 0.0, 1.0)  # ground beyond the map's edge
+    picture = plain * (0.88 * albedo * clear + 0.9 * (1.0 - clear)) + (1.0 - plain) * picture
     faces = np.ascontiguousarray(picture.reshape(_ROWS, 4, _COLUMNS).transpose(1, 0, 2), np.float32)
     return Backdrop(faces, config.ridges_distance_m, float(centre[0]), float(centre[1]))
 
@@ -188,6 +188,11 @@ def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: Ap
     share_out(
         _light, height, *south_up, patches, terrain.step_m, sun_direction(config), config.sky_share, words
     )
+    return mipmap(words)
+
+
+def mipmap(words: Words) -> GroundMap:
+    """Return the map of nodes (rows, columns) with its coarser levels."""
     levels: list[Words] = [words]
     while len(levels) < _LEVELS:
         rows, columns = (max(int(n) // 2, 2) for n in levels[-1].shape)
@@ -195,7 +200,7 @@ def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: Ap
         share_out(_halve, levels[-1], coarser)
         levels.append(coarser)
     starts = np.cumsum([0] + [level.size for level in levels[:-1]]).astype(np.int32)
-    rows, columns = height.shape
+    rows, columns = words.shape
     return GroundMap(np.concatenate([level.ravel() for level in levels]), starts, int(columns), int(rows))
 
 
@@ -414,10 +419,13 @@ class ImageSensor:
         self._draws = stream(seed, "camera", "noise").standard_normal(_DRAWS, np.float32)
         self._seed = int(stream(seed, "camera", "frames").integers(1 << 30))
         self._transmission = _vignette(camera, config.vignetting)
+        self._scattered = _drops(camera, config.drops, stream(seed, "camera", "drops"))
 
     def image(self, radiance: Floats, frame_index: int) -> Image:
         """Return the 8-bit image of a frame."""
         config = self._config
+        if config.drops:
+            radiance = radiance + self._scattered * (_hazy(radiance) - radiance)
         if config.blur_px > 0.0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), config.blur_px)
         noisy = config.noise == "on"
@@ -454,6 +462,31 @@ def _vignette(camera: Camera, loss: float) -> Floats:
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     squared = (u - camera.matrix[0, 2]) ** 2 + (v - camera.matrix[1, 2]) ** 2
     return (1.0 - loss * squared / squared.max()).astype(np.float32)
+
+
+_DROP_RADII = 0.02, 0.08
+"""Radius of a drop's image, which is out of focus, as a share of the image's width."""
+_SCATTER_WIDTH = 0.15
+
+
+def _drops(camera: Camera, number: int, rng: np.random.Generator) -> Floats:
+    """Return the share of light (H, W) that drops on the lens scatter: each covers a part of the aperture."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float32)
+    clear = np.ones((camera.height, camera.width), np.float32)
+    for _ in range(number):
+        x, y = rng.uniform(0.0, camera.width), rng.uniform(0.0, camera.height)
+        radius = camera.width * rng.uniform(*_DROP_RADII)
+        inside = np.clip(2.0 * (1.0 - np.hypot(u - x, v - y) / radius), 0.0, 1.0)
+        clear *= np.float32(1.0) - np.float32(rng.uniform(0.5, 0.9)) * inside
+    return np.float32(1.0) - clear
+
+
+def _hazy(radiance: Floats) -> Floats:
+    """Return the light that a drop brings to each pixel: that from around it."""
+    width = _SCATTER_WIDTH * radiance.shape[1]
+    small = cv2.resize(radiance, None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA)
+    soft = cv2.GaussianBlur(small, (0, 0), width / 8.0)
+    return np.asarray(cv2.resize(soft, radiance.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 @by_share

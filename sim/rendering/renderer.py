@@ -5,7 +5,7 @@ paints the rows of an image in parallel threads: rays, surface lookup and shadin
 during the exposure every row has a pose of its own.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -26,7 +26,18 @@ from sim.rendering.compiled import (
     share_out,
     u32,
 )
-from sim.rendering.footprint import GRAIN_FROM_M, Aim, Footprints, aim, lattice, measure, read_map, read_tile
+from sim.rendering.footprint import (
+    GRAIN_FROM_M,
+    Aim,
+    Footprints,
+    aim,
+    lattice,
+    lay_snow,
+    measure,
+    read_map,
+    read_tile,
+    to_level,
+)
 from sim.rendering.light import (
     OWN_SHADOW_REACH_M,
     Backdrop,
@@ -37,6 +48,7 @@ from sim.rendering.light import (
     backdrop,
     backdrop_row,
     ground_map,
+    mipmap,
     shade,
     shadow_width_m2,
 )
@@ -57,7 +69,19 @@ from sim.rendering.visibility import (
     sweep,
     view_of,
 )
-from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
+from sim.world.appearance import (
+    ROUGH_ALBEDO,
+    Tile,
+    downhill_rad,
+    grain_tile,
+    gravel_tile,
+    pack_tile,
+    rough_tile,
+    snow_on_rough_ground,
+    snow_patches,
+    sun_direction,
+    surface_tile,
+)
 from sim.world.fine_terrain import FineTerrain
 from survey import Camera, InputError
 from survey.core import FloatArray
@@ -87,6 +111,15 @@ class Texture(NamedTuple):
     gain: float
 
 
+class RoughGround(NamedTuple):
+    """Texture and albedo of bare ice or debris, and the share of snow on it."""
+
+    tile: Texture
+    albedo: float
+    snow: Words
+    """The share in the place of the water, laid out as the `GroundMap`; one word where all is snow."""
+
+
 class RenderScene(NamedTuple):
     """Data that are constant from frame to frame."""
 
@@ -94,6 +127,7 @@ class RenderScene(NamedTuple):
     ground: GroundMap
     snow: Texture
     grain: Texture
+    rough: RoughGround
     backdrop: Backdrop
 
 
@@ -236,11 +270,31 @@ def _paint_sky(
 
 
 @scalar
+def read_rough_ground(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Doubles) -> None:
+    """Read the texture of bare ice or debris with the snow on it."""
+    ground, rough = scene.ground, scene.rough.tile
+    for tap in range(2):
+        read_map(
+            tap, n, at, origin[0], origin[1], scene.rough.snow, ground.starts, ground.columns, ground.rows,
+            scene.surface.step_m,
+        )  # fmt: skip
+    to_level(n, at, rough.per_m)
+    aim(
+        n, at, at.weight0, at.weight1, at.taps, at.level, rough.starts, rough.mask, rough.per_m, rough.gain, to,
+    )  # fmt: skip
+    read_tile(n, at, at.taps, to, rough.words)
+    lay_snow(n, at, scene.rough.albedo)
+    to_level(n, at, scene.snow.per_m)
+
+
+@scalar
 def read_surface(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Doubles) -> None:
     """Read light and texture over the footprints."""
     ground, snow, grain = scene.ground, scene.snow, scene.grain
     longest, narrowest = _extremes(n, at)
     lattice(n, at)
+    if scene.rough.snow.size > 1:
+        read_rough_ground(n, at, to, scene, origin)
     for tap in range(2 if longest > 0.6 else 1):
         read_map(
             tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.columns, ground.rows,
@@ -305,11 +359,29 @@ def scene_of(
     rows, columns = terrain.height.shape
     centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
     # What needs much memory while it is made comes first.
-    scenery = backdrop(look, centre, seed)
-    snow, grain = _texture(surface_tile(look, wind_from_deg, seed)), _texture(grain_tile(look, seed))
+    scenery = backdrop(look, centre, seed, ROUGH_ALBEDO.get(terrain.surface, 1.0))
+    snow, fine = surface_tile(look, wind_from_deg, seed), grain_tile(look, seed)
+    if terrain.surface != "snow":
+        fine = (
+            gravel_tile(look, seed)
+            if terrain.surface == "debris"
+            else replace(fine, amplitude=3.0 * fine.amplitude)
+        )
     surface = surface_of(terrain, datum)
     patches = snow_patches((rows, columns), terrain.step_m, look, seed)
-    return RenderScene(surface, ground_map(terrain, surface.height, patches, look), snow, grain, scenery)
+    lit, rough = ground_map(terrain, surface.height, patches, look), _rough_ground(terrain, look, seed)
+    return RenderScene(surface, lit, _texture(snow), _texture(fine), rough, scenery)
+
+
+def _rough_ground(terrain: FineTerrain, look: AppearanceConfig, seed: int) -> RoughGround:
+    if terrain.surface == "snow":
+        return RoughGround(
+            _texture(pack_tile(np.zeros((8, 8), np.float32), 1.0)), 1.0, np.zeros(1, np.uint32)
+        )
+    tile = rough_tile(terrain.surface, look, downhill_rad(terrain.height), seed)
+    share = snow_on_rough_ground(terrain.height, terrain.step_m, terrain.snow_cover, seed)[::-1]
+    words = np.rint(255.0 * share).astype(np.uint32) << np.uint32(24)
+    return RoughGround(_texture(tile), ROUGH_ALBEDO[terrain.surface], mipmap(words).words)
 
 
 def _texture(tile: Tile) -> Texture:
@@ -521,7 +593,7 @@ class Renderer:
             )
             centre = pose[:3, 3] - np.append(self.terrain.origin, self._datum)
         look = self._appearance
-        in_shade = 0.3 + 0.7 * look.stones
+        in_shade = 0.3 + 0.7 * look.stones if self.terrain.surface == "snow" else 1.0
         return Light(sun_direction(look), look.sky_share, in_shade, look.haze_m, half, rotation, centre)
 
 

@@ -1,4 +1,4 @@
-"""Surface appearance of snow, firn and debris: periodic texture tiles, grey patches, direction of the sun."""
+"""Surface appearance of snow, bare ice and debris: periodic texture tiles, patches, direction of the sun."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -8,12 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.config.world import AppearanceConfig
+from sim.world.boulders import draw_blocks, lay_blocks
 from sim.world.fine_terrain import band_limited_field
 from sim.world.hazards import FloatGrid
 from survey.core import FloatArray, stream
 
 SURFACE_TEXEL_M = 0.01
 SURFACE_TEXELS = 2048
+ROUGH_TEXEL_M = 0.005
 GRAIN_TEXEL_M = 0.0025
 GRAIN_TEXELS = 1024
 
@@ -55,6 +57,38 @@ def snow_patches(shape: tuple[int, int], step_m: float, config: AppearanceConfig
     return np.asarray(fine, dtype=np.float32)
 
 
+def snow_on_rough_ground(height: FloatGrid, step_m: float, share: float, seed: int) -> FloatGrid:
+    """Return the share of each node that lies under snow: patches 1 to 40 m wide, none on the sides of boulders.
+
+    Parameters
+    ----------
+    height : (H, W) ndarray
+        Heights, the first row in the north [m].
+    step_m : float
+        Distance between the nodes [m].
+    share : float
+        Share of the ground under patches.
+    seed : int
+        Seed of the site.
+
+    Returns
+    -------
+    (H, W) ndarray of float32
+        Share of snow, 0 to 1, the first row in the north.
+    """
+    deep = band_limited_field(height.shape, step_m, (1.0, 40.0), 1.3, stream(seed, "appearance", "snow"))
+    patches = np.clip((deep - np.quantile(deep[::4, ::4], 1.0 - share)) / 0.2 + 0.5, 0.0, 1.0)
+    steep = np.hypot(*np.gradient(height, step_m))
+    covered: FloatGrid = (share > 0.0) * patches * np.clip(2.0 - 1.5 * steep, 0.0, 1.0)
+    return covered
+
+
+def downhill_rad(height: FloatGrid) -> float:
+    """Return the direction, from east to north, in which a site (first row in the north) falls on average [rad]."""
+    east, north = (height[:, 0] - height[:, -1]).mean(), (height[-1] - height[0]).mean()
+    return float(np.arctan2(north, east))
+
+
 @lru_cache(maxsize=2)
 def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> Tile:
     """Return the 20 m tile of sastrugi, crust, specks and stones at 1 cm."""
@@ -70,6 +104,116 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     if config.stones > 0.0:
         texture += np.float32(config.stones) * _stones(stream(seed, "appearance", "stones"), config)
     return pack_tile(np.float32(config.contrast) * texture, 1.0 / SURFACE_TEXEL_M)
+
+
+ROUGH_ALBEDO = {"bare ice": 0.45, "debris": 0.32}
+"""Reflectance of ground without snow as a share of clean snow's."""
+
+
+@lru_cache(maxsize=2)
+def rough_tile(surface: str, config: AppearanceConfig, downhill_rad: float, seed: int) -> Tile:
+    """Return the 10 m tile of debris or bare ice at 5 mm: reflectance times the light on relief of centimetres.
+
+    Parameters
+    ----------
+    surface : {"bare ice", "debris"}
+        What the tile shows.
+    config : AppearanceConfig
+        Sun, sky and contrast.
+    downhill_rad : float
+        Direction of the slope, from east to north: bands and rills of ice follow it [rad].
+    seed : int
+        Seed of the site.
+
+    Returns
+    -------
+    Tile
+        Relative change of brightness.
+    """
+    rng = stream(seed, "appearance", surface)
+    height, tone = _stony(rng) if surface == "debris" else _icy(rng, downhill_rad)
+    texture = tone * light_on(height, ROUGH_TEXEL_M, config)
+    return pack_tile(np.float32(config.contrast) * (texture / texture.mean()), 1.0 / ROUGH_TEXEL_M)
+
+
+@lru_cache(maxsize=2)
+def gravel_tile(config: AppearanceConfig, seed: int) -> Tile:
+    """Return the 2.5 m tile of gravel, stones of 0.8 to 4 cm, at 2.5 mm."""
+    height, tone = np.zeros((2, GRAIN_TEXELS, GRAIN_TEXELS), np.float32)
+    tone += np.float32(1.0)
+    _lay_stones(stream(seed, "appearance", "gravel"), height, tone, GRAIN_TEXEL_M, (0.0075, 0.04), cover=1.0)
+    texture = np.float32(0.6 * config.contrast) * tone * light_on(height, GRAIN_TEXEL_M, config)
+    return pack_tile(texture, 1.0 / GRAIN_TEXEL_M)
+
+
+def _noise(
+    rng: np.random.Generator, wavelengths_m: tuple[float, float], decay: float, **forms: float
+) -> FloatGrid:
+    shape = SURFACE_TEXELS, SURFACE_TEXELS
+    return band_limited_field(shape, ROUGH_TEXEL_M, wavelengths_m, decay, rng, periodic=True, **forms)
+
+
+def _stony(rng: np.random.Generator) -> tuple[FloatGrid, FloatGrid]:
+    """Return heights [m] and reflectance of a tile of gravel under angular stones, 1.5 to 60 cm wide."""
+    height = np.float32(0.005) * _noise(rng, (0.02, 0.3), 0.8) + np.float32(0.03) * _noise(
+        rng, (0.3, 5.0), 1.5
+    )
+    tone = np.exp(
+        np.float32(0.12) * _noise(rng, (0.02, 0.08), 0.3) + np.float32(0.12) * _noise(rng, (1.0, 10.0), 1.0)
+    )
+    _lay_stones(rng, height, tone, ROUGH_TEXEL_M, (0.015, 0.6), cover=1.0)
+    return height, tone
+
+
+def _lay_stones(
+    rng: np.random.Generator,
+    height: FloatGrid,
+    tone: FloatGrid,
+    texel_m: float,
+    sizes_m: tuple[float, float],
+    *,
+    cover: float,
+) -> None:
+    """Lay stones on a tile; at a cover of 1 those of the least width lie two to three widths apart."""
+    number = round(0.045 * cover * height.size * (3.0 * texel_m / sizes_m[0]) ** 2)
+    stones = draw_blocks(rng, number, sizes_m, np.array(height.shape[::-1]) * texel_m, tone_sd=0.3)
+    lay_blocks(height, tone, texel_m, stones, periodic=True)
+
+
+def _icy(rng: np.random.Generator, downhill_rad: float) -> tuple[FloatGrid, FloatGrid]:
+    """Return heights [m] and reflectance of a tile of weathered ice: crust, dust in bands, rills, holes, single stones."""
+    along = {"stretch": 6.0, "angle": downhill_rad}
+    rill = np.exp(-((_noise(rng, (0.4, 2.0), 1.5, stretch=12.0, angle=downhill_rad) / np.float32(0.06)) ** 2))
+    dust = _noise(rng, (0.1, 6.0), 1.2) + np.float32(0.6) * _noise(rng, (0.1, 2.0), 1.0, **along)
+    weathered = np.exp(np.float32(0.8) * _noise(rng, (0.5, 8.0), 1.2))  # rough here, smooth there
+    hole = _specks(rng, 1.5) * (dust > 0.0)
+    height = weathered * np.float32(0.004) * _noise(rng, (0.03, 0.5), 1.3) - np.float32(0.02) * (rill + hole)
+    tone = np.exp(np.float32(-0.22) * np.maximum(dust, -1.0) - np.float32(0.35) * rill)
+    tone *= np.exp(np.float32(0.03) * weathered * _noise(rng, (0.02, 0.1), 0.5)) * (
+        1.0 - np.float32(0.6) * hole
+    )
+    _lay_stones(rng, height, tone, ROUGH_TEXEL_M, (0.015, 0.4), cover=0.03)
+    return height, tone
+
+
+def light_on(height: FloatGrid, texel_m: float, config: AppearanceConfig) -> FloatGrid:
+    """Return the light on a periodic relief (rows to the north) over that on level ground, with cast shadows."""
+    east, north, up = sun_direction(config)
+    to_east, to_north = (
+        (np.roll(height, -1, axis) - np.roll(height, 1, axis)) / (2.0 * texel_m) for axis in (1, 0)
+    )
+    lit = (up - to_east * east - to_north * north) / (up * np.sqrt(1.0 + to_east**2 + to_north**2))
+    level = max(float(np.hypot(east, north)), 1e-6)
+    above = np.full_like(height, -1e9)
+    for reach in (1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64):
+        shift = round(-reach * north / level), round(-reach * east / level)
+        distance = texel_m * float(np.hypot(*shift))
+        np.maximum(above, (np.roll(height, shift, (0, 1)) - height) / distance, out=above)
+    sunlit = np.clip(0.5 - (above - up / level) / 0.3, 0.0, 1.0)
+    hollow = sum(cv2.GaussianBlur(height, (0, 0), size_px) - height for size_px in (3.0, 10.0))
+    sky = np.clip(1.0 - 0.06 / texel_m * hollow, 0.35, 1.1)
+    light = (1.0 - config.sky_share) * np.clip(lit, 0.0, 2.5) * sunlit + config.sky_share * sky
+    return np.asarray(light, dtype=np.float32)
 
 
 @lru_cache(maxsize=2)

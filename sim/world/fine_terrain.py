@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from affine import Affine
 from pyproj import CRS
 from scipy import fft
 from scipy.interpolate import make_interp_spline
+from scipy.ndimage import gaussian_filter
 
 from sim.config.world import SceneryConfig
 from sim.world import hazards
@@ -37,7 +39,8 @@ class FineTerrain:
     cells around the nodes, as in a `Dem`. `crs`: projected, in metres. `vertical_datum`: of the terrain it
     was made from. `tone` (H, W): reflectance as a share of clean snow's, 255 for all of it. `water` (H, W):
     share of open water, 255 for all. `openness` (H, W): share of the sky that a place sees, 255 for all;
-    small in crevasses. `hazards`: crevasses, channels, pools and cones with their outlines.
+    small in crevasses. `hazards`: crevasses, channels, pools, cones and boulders with their outlines. `surface`,
+    `snow_cover`: what the glacier's surface is made of, as in `SceneryConfig`.
 
     A height field has no overhangs: a crevasse's walls are one cell wide.
     """
@@ -50,6 +53,8 @@ class FineTerrain:
     water: ByteGrid
     openness: ByteGrid
     hazards: tuple[Hazard, ...]
+    surface: Literal["snow", "bare ice", "debris"] = "snow"
+    snow_cover: float = 0.0
 
     @property
     def step_m(self) -> float:
@@ -150,6 +155,9 @@ def _built(site: _Site, config: SceneryConfig, seed: int) -> FineTerrain:
     ones = np.ones_like(height)
     ground = Ground(height, ones, np.zeros_like(height), ones.copy(), step)
     found = _add_hazards(ground, config, seed)
+    if config.surface != "snow":
+        below = gaussian_filter(height, _SHELTER_M / step) - height
+        ground.openness[:] *= np.clip(1.0 - below / _SHELTER_M, 0.4, 1.0)
     corner = terrain.transform @ Affine.translation(0.5, 0.5) @ Affine.scale(step / terrain.step_m)
     transform = corner @ Affine.translation(-0.5, -0.5)
     return FineTerrain(
@@ -161,6 +169,8 @@ def _built(site: _Site, config: SceneryConfig, seed: int) -> FineTerrain:
         _bytes(ground.water),
         _bytes(ground.openness),
         tuple(hazards.place_hazard(hazard, transform) for hazard in found),
+        config.surface,
+        config.snow_cover,
     )
 
 
@@ -188,14 +198,24 @@ def _refined(terrain: Dem, step_m: float) -> tuple[FloatGrid, float]:
     return height, terrain.step_m / parts
 
 
+_SHELTER_M = 0.6
+"""Width of the surroundings that hide the sky from hollows between boulders and hummocks [m]."""
+_Form = tuple[str, float, tuple[float, float], float, float]
+_ROUGH_FORMS: dict[str, tuple[_Form, ...]] = {
+    "bare ice": (("crust", 0.03, (0.5, 3.0), 0.8, 1.0),),
+    "debris": (("mounds", 0.25, (5.0, 40.0), 1.2, 1.0), ("rubble", 0.05, (0.5, 4.0), 0.8, 1.0)),
+}
+"""Relief of ground without snow: name, standard deviation [m], wavelengths [m], decay and stretch."""
+
+
 def _add_relief(height: FloatGrid, step_m: float, config: SceneryConfig, seed: int) -> None:
     wind = np.radians(270.0 - config.wind_from_deg)
-    forms = (
+    snow: tuple[_Form, ...] = (
         ("dunes", config.dune_sd_m, (3.0, 25.0), 1.2, 2.0),
         ("sastrugi", config.sastrugi_sd_m, (1.0, 4.0), 0.5, 3.0),
-        ("hummocks", config.hummock_sd_m, (2.0, 12.0), 1.0, 1.0),
     )
-    for name, sd_m, wavelengths_m, decay, stretch in forms:
+    hummocks = ("hummocks", config.hummock_sd_m, (2.0, 12.0), 1.0, 1.0)
+    for name, sd_m, wavelengths_m, decay, stretch in (*_ROUGH_FORMS.get(config.surface, snow), hummocks):
         if sd_m > 0.0:
             rng = stream(seed, "scenery", name)
             # The first row lies in the north, so that the angle from east turns the other way round.
@@ -206,18 +226,26 @@ def _add_relief(height: FloatGrid, step_m: float, config: SceneryConfig, seed: i
 
 def _add_hazards(ground: Ground, config: SceneryConfig, seed: int) -> list[Hazard]:
     hectares = float(ground.size_m.prod()) / 1e4
-    rng = {
-        name: stream(seed, "scenery", name) for name in ("pools", "channels", "crevasses", "bridges", "cones")
-    }
-    count = {name: int(per_ha * hectares + rng[name].random()) for name, per_ha in _densities(config).items()}
+    densities = _densities(config)
+    rng = {name: stream(seed, "scenery", name) for name in densities}
+    count = {name: int(per_ha * hectares + rng[name].random()) for name, per_ha in densities.items()}
     carve: dict[str, Callable[[], Hazard | None]] = {
         "pools": lambda: hazards.melt_pool(ground, rng["pools"]),
         "channels": lambda: hazards.melt_channel(ground, rng["channels"]),
+        "rills": lambda: hazards.melt_channel(ground, rng["rills"], _RILL_WIDTH_M),
         "crevasses": lambda: hazards.crevasse(ground, rng["crevasses"], config.crevasse_depth_m),
         "bridges": lambda: hazards.bridged_crevasse(ground, rng["bridges"]),
         "cones": lambda: hazards.dirt_cone(ground, rng["cones"]),
     }
-    return [hazard for name in carve for hazard in hazards.carve_hazards(ground, count[name], carve[name])]
+    found = [hazard for name in carve for hazard in hazards.carve_hazards(ground, count[name], carve[name])]
+    if config.surface == "debris":
+        boulders = stream(seed, "scenery", "boulders")
+        found += hazards.scatter_boulders(ground, boulders, config.boulders_per_ha * hectares)
+    return found
+
+
+_RILL_WIDTH_M = 0.25, 0.6
+_RILLS_PER_HA = 20.0
 
 
 def _densities(config: SceneryConfig) -> dict[str, float]:
@@ -228,6 +256,7 @@ def _densities(config: SceneryConfig) -> dict[str, float]:
         "crevasses": config.crevasses_per_ha * (1.0 - config.bridged_share),
         "bridges": config.crevasses_per_ha * config.bridged_share,
         "cones": config.dirt_cones_per_ha,
+        "rills": _RILLS_PER_HA * (config.surface == "bare ice"),
     }
 
 

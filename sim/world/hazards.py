@@ -1,4 +1,4 @@
-"""Glacier hazards carved into fine terrain: crevasses, melt channels, pools and dirt cones."""
+"""Glacier hazards carved into fine terrain: crevasses, melt channels, pools, dirt cones and boulders."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,10 +11,11 @@ from rasterio.features import shapes
 from rasterio.transform import Affine
 from scipy.spatial import cKDTree
 
+from sim.world.boulders import draw_blocks, lay_blocks, number_above
 from survey.core import FloatArray
 
 FloatGrid = npt.NDArray[np.float32]
-HazardKind = Literal["crevasse", "bridged crevasse", "melt channel", "melt pool", "dirt cone"]
+HazardKind = Literal["crevasse", "bridged crevasse", "melt channel", "melt pool", "dirt cone", "boulder"]
 
 _LINE_STEP_M = 0.1
 _ICE_TONE = 0.80
@@ -24,8 +25,8 @@ _ICE_TONE = 0.80
 class Hazard:
     """Hazard and its outline.
 
-    `kind`: "crevasse" (open), "bridged crevasse", "melt channel", "melt pool" or "dirt cone". `outline`:
-    where it is, easting and northing [m].
+    `kind`: "crevasse" (open), "bridged crevasse", "melt channel", "melt pool", "dirt cone" or
+    "boulder". `outline`: where it is, easting and northing [m].
     """
 
     kind: HazardKind
@@ -121,10 +122,12 @@ def bridged_crevasse(ground: Ground, rng: np.random.Generator) -> Hazard:
     return Hazard("bridged crevasse", slot.outline())
 
 
-def melt_channel(ground: Ground, rng: np.random.Generator) -> Hazard:
-    """Cut a channel, 0.4 to 1 m wide, that meanders downhill with water on its bed."""
+def melt_channel(
+    ground: Ground, rng: np.random.Generator, width_m: tuple[float, float] = (0.4, 1.0)
+) -> Hazard:
+    """Cut a channel that meanders downhill with water on its bed."""
     line = _downhill(ground, rng, length_m=float(rng.uniform(30.0, 120.0)))
-    slot = Slot(line, 0.5 * _tapered(len(line), rng.uniform(0.4, 1.0)))
+    slot = Slot(line, 0.5 * _tapered(len(line), rng.uniform(*width_m)))
     window, distance, half_width = slot.across(ground)
     cut = _bowl(distance, half_width)
     ground.height[window] -= rng.uniform(0.15, 0.40) * cut
@@ -174,6 +177,16 @@ def dirt_cone(ground: Ground, rng: np.random.Generator) -> Hazard:
     ground.height[window] += tall * np.clip(near, 0.0, None)
     ground.tone[window] *= 1.0 - rng.uniform(0.45, 0.65) * np.clip(3.0 * near, 0.0, 1.0)
     return Hazard("dirt cone", shapely.Point(centre).buffer(radius, quad_segs=8))
+
+
+def scatter_boulders(ground: Ground, rng: np.random.Generator, above_1_m: float) -> list[Hazard]:
+    """Lay boulders up to 5 m wide on the ground, of which so many are wider than 1 m; the nodes can hold no small ones."""
+    least_m = 2.5 * ground.step_m
+    number = int(number_above(least_m, above_1_m) + rng.random())
+    blocks = draw_blocks(rng, number, (least_m, 5.0), ground.size_m, tone_sd=0.25)
+    lay_blocks(ground.height, ground.tone, ground.step_m, blocks, periodic=False)
+    circles = shapely.buffer(shapely.points(blocks.place_m), 0.5 * blocks.size_m, quad_segs=2)
+    return [Hazard("boulder", circle) for circle in circles]
 
 
 def carve_hazards(ground: Ground, count: int, carve: Callable[[], Hazard | None]) -> list[Hazard]:

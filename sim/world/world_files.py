@@ -22,7 +22,17 @@ from rasterio.features import rasterize
 from scipy.spatial.transform import Rotation
 
 from sim.config.world import AppearanceConfig
-from sim.world.appearance import SURFACE_TEXEL_M, Tile, snow_patches, sun_direction, surface_tile
+from sim.world.appearance import (
+    ROUGH_ALBEDO,
+    SURFACE_TEXEL_M,
+    Tile,
+    downhill_rad,
+    rough_tile,
+    snow_on_rough_ground,
+    snow_patches,
+    sun_direction,
+    surface_tile,
+)
 from sim.world.hazards import FloatGrid
 from survey import Dem, InputError
 from survey.core import FloatArray, IntArray, replacing, write_text
@@ -43,7 +53,7 @@ class WorldModel:
 
     `name`: of the world. `ground`: heights of every cell. `look`, `wind_from_deg`, `seed`: as images are rendered.
     `marks`: kinds and outlines of hazards, which have tones of their own. `position` (3,), `quaternion` (4,): spawn
-    pose in the CRS of the ground [m], as x, y, z, w.
+    pose in the CRS of the ground [m], as x, y, z, w. `surface`, `snow_cover`: as in `SceneryConfig`.
     """
 
     name: str
@@ -54,6 +64,8 @@ class WorldModel:
     marks: Sequence[tuple[str, shapely.Geometry]]
     position: FloatArray
     quaternion: FloatArray
+    surface: str = "snow"
+    snow_cover: float = 0.0
 
     def __post_init__(self) -> None:
         n_unknown = int((~np.isfinite(self.ground.elevation)).sum())
@@ -93,10 +105,14 @@ class WorldModel:
         patches = snow_patches(self.ground.shape, self.ground.step_m, self.look, self.seed)
         columns, rows = (np.asarray(part / self.ground.step_m, dtype=np.float32) for part in (x, down))
         at = np.meshgrid(columns, rows)
-        seen = cv2.remap(patches, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        share = np.asarray(seen, dtype=np.float32)
-        share *= 1.0 + _sampled(surface_tile(self.look, self.wind_from_deg, self.seed), x, -down, texel_m)
-        share *= self._tones(n)
+        share = 1.0 + _sampled(surface_tile(self.look, self.wind_from_deg, self.seed), x, -down, texel_m)
+        if self.surface != "snow":
+            height = self.ground.elevation.astype(np.float32)
+            snow = _at_nodes(snow_on_rough_ground(height, self.ground.step_m, self.snow_cover, self.seed), at)
+            tile = rough_tile(self.surface, self.look, downhill_rad(height), self.seed)
+            rough = ROUGH_ALBEDO[self.surface] * (1.0 + _sampled(tile, x, -down, texel_m))
+            share = rough + snow * (share - rough)
+        share *= _at_nodes(patches, at) * self._tones(n)
         grey = np.clip(np.rint(_SNOW_GREY * share), 0.0, 255.0).astype(np.uint8)
         return np.repeat(grey[:, :, None], 3, axis=2)
 
@@ -129,6 +145,12 @@ class WorldModel:
         halves = [(north_west, south_west, south_east), (north_west, south_east, north_east)]
         triangles = np.stack([np.column_stack(half) for half in halves], axis=1).reshape(-1, 3)
         return place - self.position, on_texture, triangles
+
+
+def _at_nodes(grid: FloatGrid, at: Sequence[FloatGrid]) -> FloatGrid:
+    """Interpolate a grid at columns and rows."""
+    found = cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)
 
 
 def _sampled(tile: Tile, x: FloatArray, y: FloatArray, texel_m: float) -> FloatGrid:

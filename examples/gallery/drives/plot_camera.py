@@ -26,7 +26,7 @@ sensors = [
     ("as by default", {}, False),
     ("exposed while the rover turns by 4.6°", {}, True),
     ("vignetting of 70 %, gain in steps of 1 EV", {"vignetting": 0.7, "gain_step_ev": 1.0}, False),
-    ("JPEG of quality 10", {"jpeg_quality": 10}, False),
+    ("drops on the lens, JPEG of quality 10", {"drops": 8, "jpeg_quality": 10}, False),
 ]
 for ax, (title, settings, moves) in zip(axes.ravel(), sensors, strict=True):
     imaging = ImagingConfig(width=320, height=240, **settings)

@@ -11,9 +11,12 @@ from papers.glacier.images import (
     entropy_bits,
     gains,
     gradients,
+    ground_region,
     local_contrast,
+    patch_statistics,
     relative_corners,
     rms_contrast,
+    spread,
     statistics,
 )
 
@@ -73,3 +76,21 @@ def test_gains_are_ratios_of_correct_matches() -> None:
         for image, n in (("raw", raw), ("CLAHE", after))
     ]
     assert gains(rows)["ORB"] == {"together": 2.75, "median scene": 3.5, "worst scene": 2.0}
+
+
+def test_a_region_is_measured_patch_by_patch(rng: np.random.Generator) -> None:
+    image = speckled(rng, 20.0)
+    image[:, 80:] //= 2
+    left, right = patch_statistics(
+        [(image, (0, 0, 160, 90))], 80
+    )  # the last ten rows hold less than half a patch
+    assert right["gradient, median"] == pytest.approx(0.5 * left["gradient, median"], rel=0.2)
+    low, middle, high = spread([left, right])["entropy"]
+    assert low < middle < high
+
+
+def test_the_region_of_the_ground_leaves_rows_with_sky_out() -> None:
+    mask = np.ones((60, 80), bool)
+    mask[:20, 5:] = False
+    image = np.zeros((60, 80), np.uint8)
+    assert ground_region(image, mask)[1] == (0, 20, 80, 60)

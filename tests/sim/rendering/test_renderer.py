@@ -237,6 +237,20 @@ def test_automatic_gain_changes_in_steps(camera: Camera) -> None:
         assert image == pytest.approx(gain * radiance, abs=0.51)
 
 
+def test_drops_on_the_lens_keep_the_light_and_lose_the_contrast(camera: Camera) -> None:
+    radiance = np.where(np.arange(80) % 8 < 4, 0.4, 0.6).astype(np.float32) * np.ones((60, 1), np.float32)
+    wet, dry = (
+        ImageSensor(QUIET.model_copy(update={"gain": 200.0, "drops": n}), camera, 4)
+        .image(radiance, 0)
+        .astype(float)
+        for n in (20, 0)
+    )
+    under = np.abs(wet - dry) > 5.0
+    assert 0.05 < under.mean() < 0.9
+    assert wet[under].std() < 0.8 * dry[under].std()
+    assert wet.mean() == pytest.approx(dry.mean(), abs=2.0)
+
+
 def test_jpeg_compresses_the_image_of_the_sensor(ground: FineTerrain, camera: Camera) -> None:
     view = body_pose(ground, 20.0, 20.0, 0.4) @ camera.T_body_camera
     plain, fine, coarse = (

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from sim.config.world import AppearanceConfig
-from sim.world.appearance import GRAIN_TEXELS, grain_tile, pack_tile, snow_patches, sun_direction
+from sim.world.appearance import (
+    GRAIN_TEXELS,
+    downhill_rad,
+    grain_tile,
+    light_on,
+    pack_tile,
+    snow_patches,
+    sun_direction,
+)
 
 
 def test_the_sun_stands_where_the_settings_say():
@@ -38,3 +46,18 @@ def test_contrast_scales_the_grain():
     assert plain.texels == GRAIN_TEXELS
     assert strong.amplitude == pytest.approx(2.0 * plain.amplitude, rel=1e-5)
     np.testing.assert_array_equal(strong.starts, plain.starts)
+
+
+def test_a_step_in_the_relief_casts_a_shadow_away_from_the_sun():
+    height = np.zeros((64, 64), np.float32)
+    height[:20] = 0.2  # the south; the sun stands there at 45°
+    light = light_on(
+        height, 0.01, AppearanceConfig(sun_elevation_deg=45.0, sun_from_deg=180.0, sky_share=0.4)
+    )
+    assert light[25:35].max() < 0.45  # the sky alone
+    assert light[50, :] == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_site_falls_to_the_north_east():
+    rows, columns = np.mgrid[0:20, 0:20].astype(np.float32)
+    assert downhill_rad(rows - columns) == pytest.approx(np.pi / 4.0)

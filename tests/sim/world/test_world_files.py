@@ -140,3 +140,12 @@ def test_terrain_with_holes_is_refused() -> None:
     holed[3, 4] = np.nan
     with pytest.raises(InputError, match="1 of 3321 cells of the terrain have no height"):
         world(ground=Dem(holed, world().ground.transform, world().ground.crs))
+
+
+def test_a_texture_of_debris_is_darker_than_snow_and_bright_where_snow_lies() -> None:
+    snow, debris, patchy = (
+        world(marks=[], surface=surface, snow_cover=share).texture().mean()
+        for surface, share in (("snow", 0.0), ("debris", 0.0), ("debris", 0.5))
+    )
+    assert 0.25 < debris / snow < 0.4
+    assert 0.5 < patchy / snow < 0.8
