@@ -153,6 +153,10 @@ def survey() -> Iterator[Any]:
     ice = {"ice": shapely.Point(60.0, 60.0).buffer(20.0)}
     found_change = firnline.change(later, terrain, ice, align=True)
     yield from (found_change, found_change.volumes[0].mass())
+    rough = np.random.default_rng(2).uniform([20.0, 20.0, -0.1], [40.0, 40.0, 0.1], (2, 4000, 3))
+    yield firnline.m3c2(
+        *(firnline.SurfacePoints(xyz, sigma_m=0.02, crs=CRS) for xyz in rough), registration_m=0.01
+    )
 
 
 def others() -> Iterator[Any]:
