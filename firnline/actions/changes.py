@@ -282,11 +282,11 @@ def _outcome_lines(facts: dict[str, Any]) -> list[str]:
 def _distance_lines(found: dict[str, Any]) -> list[str]:
     """Return the lengths of a comparison of clouds, the distances, and their levels of detection as sentences."""
     scales = found["scales"]
-    normals = ", ".join(f"{length:.3g}" for length in scales["normals_m"])
+    normals = ", ".join(f"{length:.4g}" for length in scales["normals_m"])
     source = {"stated": "as stated", "unchanged ground": "from the unchanged ground"}
     lines = [
-        f"cylinders of {scales['cylinder_m']:.3g} m across, {scales['depth_m']:.3g} m to each side; normals from {normals} m; core points "
-        f"every {scales['spacing_m']:.3g} m",
+        f"cylinders of {scales['cylinder_m']:.4g} m across, {scales['depth_m']:.4g} m to each side; normals from {normals} m; core points "
+        f"every {scales['spacing_m']:.4g} m",
     ]
     if found["offset_m"]:
         lines.append(

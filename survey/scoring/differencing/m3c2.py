@@ -282,7 +282,7 @@ def _scales(new: FloatArray, old: FloatArray, given: M3C2Scales) -> M3C2Scales:
     some_new, some_old = (cloud[:: max(1, len(cloud) // _N_SAMPLE)] for cloud in (new, old))
     cylinder_m = given.cylinder_m
     if not cylinder_m:
-        apart_m = max(_spacing_m(new, some_new), _spacing_m(old, some_old))
+        apart_m = max(_spacing_m(new, some_new, "later"), _spacing_m(old, some_old, "earlier"))
         cylinder_m = _rounded(apart_m * np.sqrt(4.0 * _N_IN_CYLINDER / np.pi))
     normals_m = given.normals_m
     if not normals_m:
@@ -302,14 +302,16 @@ def _rounded(length_m: float) -> float:
     return float(f"{length_m:.1e}")
 
 
-def _spacing_m(xyz: FloatArray, sample: FloatArray) -> float:
-    """Return the distance between points (N, 3) on a surface [m], by their median density about a sample."""
+def _spacing_m(xyz: FloatArray, sample: FloatArray, name: str) -> float:
+    """Return the distance between points (N, 3) of the named cloud on a surface [m], by their median density about a sample."""
     if len(xyz) <= _N_NEAR:
-        raise InputError(f"a cloud has {len(xyz)} points; {_N_NEAR + 1} are needed at least.")
+        raise InputError(
+            f"the {name} cloud has {len(xyz)} points; {_N_NEAR + 1} are needed at least, take a denser one."
+        )
     far = np.asarray(cKDTree(xyz).query(sample, _N_NEAR + 1)[0])
     radius_m = float(np.median(far[:, -1]))
     if radius_m == 0.0:
-        raise InputError("most points of a cloud coincide; write each point once.")
+        raise InputError(f"most points of the {name} cloud coincide; write each point once.")
     return radius_m * float(np.sqrt(np.pi / _N_NEAR))
 
 

@@ -5,7 +5,8 @@ import numpy as np
 from sim.rendering.compiled import Floats, by_share
 from sim.rendering.footprint import Aim, Footprints
 from sim.rendering.light import shade
-from sim.rendering.renderer import Renderer, RenderScene, read_surface
+from sim.rendering.renderer import Renderer, read_surface
+from sim.rendering.scene import RenderScene
 from survey.core.arrays import FloatArray
 
 _NO_HAZE_M = 1e12
