@@ -138,9 +138,13 @@ def study(name: str) -> Study:
     return cast("Study", getattr(import_module(module), function))
 
 
+NOT_KEPT = ("photographs.png",)
+"""Pictures with photographs that may not be shown: they lie beside the files of a study, which is complete without them."""
+
+
 def record(folder: Path, *, quick: bool, facts: Mapping[str, Any], old: Mapping[str, Any]) -> None:
     """Record that a study is complete: what made it, the checksums of its files, and the remark of the old record."""
-    files = [path for path in folder.iterdir() if path.is_file() and path.name != RECORD]
+    files = [path for path in folder.iterdir() if path.is_file() and path.name not in (RECORD, *NOT_KEPT)]
     is_same = {path.name: file_sha256(path) for path in files} == old.get("files_sha256")
     about = {"firnline": version("firnline"), "quick": quick, **facts}
     write_record(folder, files, about | kept_remark(old, is_same=is_same))
@@ -204,7 +208,7 @@ def _remove_files(draft: Path) -> None:
 
 def _own_files(folder: Path) -> set[str]:
     """Return the names of the files that the record of a study lists, and of the record."""
-    return {RECORD, *_old_record(folder).get("files_sha256", {})}
+    return {RECORD, *NOT_KEPT, *_old_record(folder).get("files_sha256", {})}
 
 
 def _old_record(folder: Path) -> dict[str, Any]:

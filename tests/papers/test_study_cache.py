@@ -71,6 +71,17 @@ def test_a_folder_with_files_of_others_is_refused_before_the_study_is_made(tmp_p
         pytest.fail("the study was made")
 
 
+def test_a_study_is_complete_without_the_photographs_that_are_not_kept(tmp_path):
+    folder = tmp_path / "study"
+    for _ in range(2):  # a picture that is there is no file of others
+        with replacing_study(folder, quick=True) as draft:
+            (draft / "photographs.csv").write_text("measures")
+            (draft / "photographs.png").write_text("picture")
+        assert (folder / "photographs.png").exists()
+    (folder / "photographs.png").unlink()
+    assert is_complete(folder, quick=True)
+
+
 def test_two_processes_do_not_make_the_same_study(tmp_path):
     with (
         replacing_study(tmp_path / "study", quick=False),
