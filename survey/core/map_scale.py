@@ -10,6 +10,7 @@ sphere of the projection's formula and not on the ellipsoid (`scale_factors`).
 """
 
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -47,6 +48,7 @@ def _unbound(crs: CRS) -> CRS:
     return crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
 
 
+@lru_cache(maxsize=16)
 def _ellipsoid(geodetic: CRS) -> tuple[float, float]:
     geod = geodetic.get_geod()
     if geod is None:
@@ -54,11 +56,16 @@ def _ellipsoid(geodetic: CRS) -> tuple[float, float]:
     return float(geod.a), float(geod.f)
 
 
+@lru_cache(maxsize=16)
+def _to_degrees(crs: CRS, geodetic: CRS) -> Transformer:
+    """Return the inverse of a projection; PROJ takes milliseconds to find it, and steered paths ask for each step."""
+    return Transformer.from_crs(crs, geodetic.to_2d(), always_xy=True)
+
+
 def _inverse(crs: CRS, geodetic: CRS, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return longitude and latitude (N,) [rad]."""
     try:
-        transformer = Transformer.from_crs(crs, geodetic.to_2d(), always_xy=True)
-        lon, lat = transformer.transform(xy[:, 0], xy[:, 1])
+        lon, lat = _to_degrees(crs, geodetic).transform(xy[:, 0], xy[:, 1])
     except ProjError as error:
         raise InputError(
             f"the scale of {crs.name} cannot be computed ({error}); reproject the data."
