@@ -44,7 +44,6 @@ ROVERS = ("#d55e00", "#0072b2", "#009e73", "#aa4499", "#b58900", "#332288")
 """One colour for each rover; after the last one they begin again."""
 
 
-
 def _scientific(name: str) -> ListedColormap:
     """Return a colour map of Crameri (2018) from the files of cmcrameri, whose import takes 0.3 s for pyplot."""
     package = find_spec("cmcrameri")
@@ -54,9 +53,7 @@ def _scientific(name: str) -> ListedColormap:
 
 ELEVATION = ListedColormap(_scientific("davos")(np.linspace(0.35, 0.96, 256)), name="ice")
 ERROR = _scientific("vik")
-DEVIATION = ListedColormap(
-    _scientific("lajolla").reversed()(np.linspace(0.0, 0.85, 256)), name="deviation"
-)
+DEVIATION = ListedColormap(_scientific("lajolla").reversed()(np.linspace(0.0, 0.85, 256)), name="deviation")
 DENSITY = _scientific("devon").reversed()
 
 _STYLE = Path(__file__).with_name("firnline.mplstyle")
