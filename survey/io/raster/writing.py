@@ -125,7 +125,7 @@ def _write_gdal(
                     )
                     if options["driver"] == "COG":
                         target.set_band_description(index, name)
-                        if name in _METRES:
+                        if "elevation" in bands and name in _METRES:
                             target.set_band_unit(index, "m")
         except rasterio_errors() as error:
             raise unwritable(path, error) from error
