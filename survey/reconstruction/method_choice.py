@@ -97,11 +97,24 @@ def compare_methods(
     seen = nodes if area is None else nodes[area.contains(nodes)]
     farther = np.asarray(tree.query(seen)[0]) > np.quantile(distance, _NEARLY_ALL)
     is_tin = 0.0 < tin_m <= _AS_GOOD * gp_m and float(np.mean(farther)) <= _SHARE_FARTHER
-    method, why = ("tin", "; --method gp maps by the Gaussian process") if is_tin else ("gp", "")
-    sentence = f"{method}, for at {n_out} points left out triangles err by {tin_m:.3g} m and the Gaussian process by {gp_m:.3g} m{why}"
+    method = "tin" if is_tin else "gp"
+    sentence = f"{method}, for {_reason(n_out, tin_m, gp_m)}"
+    sentence += "; --method gp maps by the Gaussian process" if is_tin else ""
     relief = _by_distance(distance[known], of_tin - std[known] ** 2)
     rise = float(np.sqrt(max(steps.mean(), 0.0) / np.mean(distance**2)))
     return MethodChoice(method, sentence, tin_m, gp_m, *relief, rise)
+
+
+def _reason(n_out: int, tin_m: float, gp_m: float) -> str:
+    """Return what the points left out show of both methods."""
+    if tin_m == gp_m == 0.0:
+        return (
+            f"at {n_out} points left out neither method errs by more than the stated standard deviations, which triangles "
+            "do not average"
+        )
+    return (
+        f"at {n_out} points left out triangles err by {tin_m:.3g} m and the Gaussian process by {gp_m:.3g} m"
+    )
 
 
 def _root_mean(squared: FloatArray) -> float:

@@ -53,6 +53,8 @@ CHECK, CLAIM, BEYOND = "left_out_check", "rmse_claim", "beyond_points"
 """Entries of the diagnostics: test by points that were left out, posterior of the map's error, and ground far from all points."""
 METHOD_CHOICE = "method_choice"
 """Entry of the diagnostics: the method that was chosen, and why."""
+_SYMBOLS = {"c": "°C", "degC": "°C", "percent": "%"}
+_UDUNITS = {"°C": "degree_Celsius", "%": "percent"}
 SIGMAS_95 = 1.959964
 """Standard deviations on either side of the mean that hold 95 %."""
 
@@ -199,6 +201,7 @@ class Reconstruction(DataObject):
         """
         optional("xarray", "to_xarray")
         name, unit, _ = self._name_and_unit()
+        unit = _UDUNITS.get(unit, unit)
         is_height = self.quantity == ELEVATION
         about = (
             height_attributes(self.mean.vertical_datum) if is_height else {"long_name": name, "units": unit}
@@ -220,7 +223,8 @@ class Reconstruction(DataObject):
 
     def _name_and_unit(self) -> tuple[str, str, str]:
         """Return the name of the quantity, its unit, and the label of an axis."""
-        name, _, unit = self.quantity.rpartition("_")
+        name, _, ending = self.quantity.rpartition("_")
+        unit = _SYMBOLS.get(ending, ending)
         return name, unit, f"{name.replace('_', ' ').capitalize()} [{unit}]"
 
     def _facts(self) -> dict[str, str]:

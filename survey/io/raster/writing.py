@@ -41,6 +41,7 @@ COG_OPTIONS = {
     "num_threads": "1",
 }
 """How GDAL writes Cloud-Optimized GeoTIFFs."""
+_METRES = ("elevation", "standard_deviation")
 # Nine significant digits bring every float32 back exactly.
 ASCII_OPTIONS = {"driver": "AAIGrid", "significant_digits": 9, "force_cellsize": "true"}
 """How GDAL writes Esri ASCII grids."""
@@ -124,6 +125,8 @@ def _write_gdal(
                     )
                     if options["driver"] == "COG":
                         target.set_band_description(index, name)
+                        if "elevation" in bands and name in _METRES:
+                            target.set_band_unit(index, "m")
         except rasterio_errors() as error:
             raise unwritable(path, error) from error
         if not draft.is_file() or draft.stat().st_size == 0:

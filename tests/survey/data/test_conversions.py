@@ -68,8 +68,8 @@ def test_reconstruction_becomes_a_dataset():
         DEM, DEM, np.full(GRID.shape, 3), "tin", {}, quantity="temperature_c"
     ).to_xarray()
     assert set(dataset.data_vars) == {"temperature", "standard_deviation", "support"}
-    assert dataset["temperature"].attrs["units"] == "c"
-    assert dataset["standard_deviation"].attrs["units"] == "c"
+    assert dataset["temperature"].attrs["units"] == "degree_Celsius"
+    assert dataset["standard_deviation"].attrs["units"] == "degree_Celsius"
     assert dataset.attrs["method"] == "tin"
     assert dataset.attrs["vertical_datum"] == "EGM2008"
 

@@ -1,7 +1,10 @@
 """From points to a map in one call: what it gives, and what it refuses."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import rasterio
 
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
@@ -53,7 +56,7 @@ def test_far_from_points_it_says_unseen_and_returns_the_prior() -> None:
     assert result.std.elevation[0, -1] == pytest.approx(3.0, abs=1e-3)
 
 
-def test_other_quantities_are_mapped_like_heights() -> None:
+def test_other_quantities_are_mapped_like_heights(tmp_path: Path) -> None:
     xy = np.random.default_rng(2).uniform(0.0, 100.0, (80, 2))
     warm = points(
         xy,
@@ -63,6 +66,10 @@ def test_other_quantities_are_mapped_like_heights() -> None:
     result = reconstruct(warm, GRID, config=FIXED, value="temperature_c")
     assert result.quantity == "temperature_c"
     assert result.mean.elevation[25, 25] == pytest.approx(-4.0, abs=0.1)
+    assert "°C" in repr(result)
+    result.write(tmp_path)
+    with rasterio.open(tmp_path / "dem.tif") as written:
+        assert written.units == (None, None)
     with pytest.raises(InputError, match="temperature_c"):
         reconstruct(warm, GRID, value="humidity_percent")
     with pytest.raises(InputError, match="standard deviation"):

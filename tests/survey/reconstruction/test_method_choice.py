@@ -32,13 +32,13 @@ def rough() -> FloatArray:
     return heights
 
 
-def measured(heights: FloatArray, n: int = N) -> SurfacePoints:
+def measured(heights: FloatArray, n: int = N, stated_m: float = SIGMA_M) -> SurfacePoints:
     """Return points at n of the cells."""
     rng = np.random.default_rng(2)
     cells = rng.permutation(heights.size)[:n]
     z = heights.ravel()[cells] + SIGMA_M * rng.standard_normal(n)
     return SurfacePoints(
-        np.column_stack([cells % SIDE_M, cells // SIDE_M, z]), sigma_m=SIGMA_M, crs=CRS_32608
+        np.column_stack([cells % SIDE_M, cells // SIDE_M, z]), sigma_m=stated_m, crs=CRS_32608
     )
 
 
@@ -58,6 +58,13 @@ def test_smooth_ground_is_left_to_the_gaussian_process() -> None:
     assert choice is not None
     assert choice.method == "gp"
     assert choice.tin_m > 2.0 * choice.gp_m
+
+
+def test_points_better_than_stated_are_left_to_the_method_that_averages_them() -> None:
+    choice = compare_methods(measured(waves(), stated_m=0.5), GRID)
+    assert choice is not None
+    assert (choice.method, choice.tin_m, choice.gp_m) == ("gp", 0.0, 0.0)
+    assert "neither method errs by more than the stated standard deviations" in choice.sentence
     assert "400 points left out" in choice.sentence
 
 

@@ -33,6 +33,8 @@ def test_a_large_raster_is_written_with_all_bands_in_windows(
 ) -> None:
     dem = Dem.on(GRID, bands["elevation"], "EGM2008 height")
     write_raster(tmp_path / "a.tif", bands, dem.transform, dem.crs, dem.vertical_datum)
+    with rasterio.open(tmp_path / "a.tif") as written:
+        assert written.units == ("m", "m")
     convert(tmp_path / "a.tif", tmp_path / "b.tif", "raster")
     for k, values in enumerate(bands.values(), 1):
         found = Dem.read(tmp_path / "b.tif", band=k)
