@@ -72,8 +72,11 @@ def tracked_rays(
     if np.array_equal(first, second):
         return None
     enhance = ContrastEnhancer(config.clahe_clip, config.clahe_tiles)
-    factor = 2.0 if camera.height > _MOST_LINES else 1.0  # cv2.pyrDown keeps every other pixel where it is
-    first, second = (enhance(cv2.pyrDown(image) if factor > 1.0 else image) for image in (first, second))
+    factor = 1.0
+    if camera.height > _MOST_LINES:
+        factor = 2.0  # cv2.pyrDown keeps every other pixel where it is
+        first, second = (np.asarray(cv2.pyrDown(image), dtype=np.uint8) for image in (first, second))
+    first, second = enhance(first), enhance(second)
     pixels = detect(first, np.zeros((0, 2), np.float32), config.n_features, config)
     landed, came = track_corners(first, second, pixels, pixels.copy(), config)
     rays = [camera.rays(factor * at[came].astype(np.float64)) for at in (pixels, landed)]

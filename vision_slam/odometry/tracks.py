@@ -91,7 +91,8 @@ def _quantiles(grey: Image) -> FloatArray:
     rank = place.astype(np.int64)
     up_to = np.cumsum(np.bincount(grey.ravel(), minlength=256))
     low, high = np.searchsorted(up_to, [rank, rank + 1], side="right")
-    return low + (place - rank) * (high - low)
+    quantiles: FloatArray = low + (place - rank) * (high - low)
+    return quantiles
 
 
 def grey_of(image: Image, width: int, height: int) -> Image:
