@@ -58,8 +58,9 @@ class RelativeMotion:
     @property
     def is_standing(self) -> bool:
         """Whether neither wheels nor gyro moved."""
-        turned = 0.0 if self.rotation is None else Rotation.from_matrix(self.rotation).magnitude()
-        return self.travel_m is not None and abs(self.travel_m) < _STANDING_M and bool(turned < 5e-3)
+        if self.travel_m is None or abs(self.travel_m) >= _STANDING_M:
+            return False
+        return self.rotation is None or bool(Rotation.from_matrix(self.rotation).magnitude() < 5e-3)
 
 
 class MotionSensors:

@@ -1,15 +1,15 @@
 """Localization from images beside other programs on the same images: ``python -m benchmarks.peers_in_vision``.
 
-Drives are the recorded streets of the shared data (FIRNLINE_DATA) and two simulated drives over snow, at 4 and 10 images a
-second. Programs are ours, ORB-SLAM3 (``pyorbslam3``), COLMAP (``pycolmap``), both of the extra ``peers``, and an odometry of
+Drives are the recorded streets of the shared data (FIRNLINE_DATA) and two simulated drives over snow at 4 images a
+second, one of them also at 10. Programs are ours, ORB-SLAM3 (``pyorbslam3``), COLMAP (``pycolmap``), both of the extra ``peers``, and an odometry of
 OpenCV's functions; ``FIRNLINE_PEERS`` names another Python that has the two. All get images and calibration alone; ours gets
 the travel of the reference's first 10 m besides, which its covariances need.
 
 Settings: ours are the defaults. ORB-SLAM3 has those that it ships for KITTI and a vocabulary that is trained here on every
 sixth image of all drives, and gets the images as in real time on a machine of its own; of three runs on a street the one
-with the median error counts. COLMAP matches each image with ten neighbours and refines the lens; SIFT finds at most 2000 corners, and it gets
-every second image: closer ones take minutes. Its first pair may look ahead and have an angle of 4°. It runs on streets
-alone, where 100 images take it many minutes.
+with the median error counts. COLMAP matches each image with ten neighbours and refines the lens; SIFT finds at most 2000
+corners, and it gets every second image of a short street and every fourth of a long one, 50 in all: more take it many
+minutes. Its first pair may look ahead and have an angle of 4°. It runs on streets alone.
 
 Every path is turned by its first pose and scaled by the reference's first 10 or 40 m. Errors are over the images that have a
 pose, up to the last of them. What a program found is stored, so that a run goes on where it was, and another version of ours

@@ -16,10 +16,10 @@ from survey.data.recording import Recording
 from survey.data.trajectory import Trajectory
 from vision_slam.readers.sequence import ImageSequence
 
-SNOW_SEEDS = (61, 62)
-"""Seeds on which no setting was chosen."""
+SNOW = ((61, 4), (62, 4), (61, 10))
+"""Seeds on which no setting was chosen, and images a second."""
 _SNOW = ("planner.swaths=1", "area.bounds_m=[526040.0, 6478040.0, 526100.0, 6478060.0]")
-_RATES_HZ = (4, 10)
+_RATE_HZ = 4  # of the mission
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ def drives(*, quick: bool) -> Iterator[PeerDrive]:
     found.sort(key=lambda drive: len(drive.time_s))
     yield from found[: 1 if quick else None]
     if not quick:
-        yield from (_snow(seed, rate_hz) for rate_hz in _RATES_HZ for seed in SNOW_SEEDS)
+        yield from (_snow(seed, rate_hz) for seed, rate_hz in SNOW)
 
 
 def _snow(seed: int, rate_hz: int) -> PeerDrive:
     """Read a simulated drive, rendered now if it has not been yet."""
-    rate = () if rate_hz == _RATES_HZ[0] else (f"instruments.frame_rate_hz={rate_hz}.0",)
+    rate = () if rate_hz == _RATE_HZ else (f"instruments.frame_rate_hz={rate_hz}.0",)
     folder = rendered_drive(seed, (*_SNOW, *rate))
     recording = Recording.read(folder / "recording")
     assert recording.frames is not None

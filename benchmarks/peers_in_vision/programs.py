@@ -45,8 +45,8 @@ _CODE_OF = {
 }
 # ORB-SLAM3 maps in a thread of its own, and no two of its runs are alike: the run with the median error counts.
 _RUNS_ON_STREETS = {ORB_SLAM3: 3}
-# COLMAP gets images at least so far apart, for closer ones take it minutes more [s].
-_COLMAP_STEP_S = 0.19
+# COLMAP gets images at least so far apart [s], and no more than so many: its time grows with their square.
+_COLMAP_STEP_S, _COLMAP_MOST = 0.19, 50
 _VOCABULARY_EVERY = 6
 _WARM_UP = 12
 
@@ -136,7 +136,7 @@ def _opencv(drive: PeerDrive) -> FoundPath:
 
 def _by_script(program: str, drive: PeerDrive) -> FoundPath:
     """Run a peer in its Python; return its last line where it fails."""
-    step_s = _COLMAP_STEP_S if program == COLMAP else 0.0
+    step_s = max(_COLMAP_STEP_S, np.ptp(drive.time_s) / _COLMAP_MOST) if program == COLMAP else 0.0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         n_given = _write_drive(folder, drive, step_s)

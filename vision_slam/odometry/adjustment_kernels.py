@@ -182,8 +182,8 @@ def eliminate_points(  # noqa: PLR0917
                         pose_lens[6 * k + p, q] -= solved[p, r] * lens_point[j, q, r]
             for m in range(first[j], n + 1):
                 column = 6 * keyframe[m]
-                for p in range(6):
-                    for q in range(6 if m < n else p + 1):
+                for q in range(6):
+                    for p in range(0 if m < n else q, 6):
                         band[column + q, 6 * k + p - column - q] -= (
                             solved[p, 0] * pose_point[m, q, 0]
                             + solved[p, 1] * pose_point[m, q, 1]

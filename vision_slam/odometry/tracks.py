@@ -69,7 +69,7 @@ class ExposureCompensation:
 
     def compensated(self, grey: Image) -> Image:
         """Return the next image as it would be with the exposure of the first."""
-        levels = np.quantile(grey[::4, ::4], _QUANTILES)
+        levels = _quantiles(grey[::4, ::4])
         if self._levels is not None:
             self._step(levels, self._levels)
         self._levels = levels
@@ -83,6 +83,16 @@ class ExposureCompensation:
         if abs(growth) > _LEAST_LOG_STEP:
             self._log_gain -= growth
             self._log_gain = 0.0 if abs(self._log_gain) < _LOG_TOLERANCE else self._log_gain
+
+
+def _quantiles(grey: Image) -> FloatArray:
+    """Return the quantiles (19,) of grey values, linear between two values in their order, by counts of the 256 values."""
+    place = _QUANTILES * (grey.size - 1)
+    rank = place.astype(np.int64)
+    up_to = np.cumsum(np.bincount(grey.ravel(), minlength=256))
+    low, high = np.searchsorted(up_to, [rank, rank + 1], side="right")
+    quantiles: FloatArray = low + (place - rank) * (high - low)
+    return quantiles
 
 
 def grey_of(image: Image, width: int, height: int) -> Image:
@@ -179,9 +189,12 @@ def _counts(pixels: Pixels, size: tuple[int, int]) -> IntArray:
 def _boxes(lacks: BoolArray, size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
     """Return the boxes (left, right, top, bottom) of cells that lack corners, neighbours in a row as one [pixels]."""
     boxes = []
+    bordered = np.zeros((_GRID[0] + 2, _GRID[1]), dtype=bool)
+    bordered[1:-1] = lacks
+    changes = bordered[1:] != bordered[:-1]
     for down in range(_GRID[1]):
         top, bottom = (-(-row * size[1] // _GRID[1]) for row in (down, down + 1))
-        edges = np.flatnonzero(np.diff(np.r_[0, lacks[:, down].astype(int), 0])).tolist()
+        edges = np.flatnonzero(changes[:, down]).tolist()
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             left, right = (-(-column * size[0] // _GRID[0]) for column in (first, last))
             boxes.append((left, right, top, bottom))
@@ -196,15 +209,16 @@ def _peaks(
     reach = config.corner_spacing_px // 2 + _MARGIN_PX
     x, y = max(left - reach, 0), max(top - reach, 0)
     part = slice(y, bottom + reach), slice(x, right + reach)
-    response = _response(np.ascontiguousarray(image[part]), config)
-    response[is_free[part] == 0] = 0.0
+    response = cv2.copyTo(_response(np.ascontiguousarray(image[part]), config), is_free[part])
     side = config.corner_spacing_px + 1
     highest = cv2.dilate(response, np.ones((side, side), np.uint8))
     inside = slice(top - y, bottom - y), slice(left - x, right - x)
     is_peak = (response[inside] >= highest[inside]) & (response[inside] > config.corner_threshold)
-    rows, columns = np.nonzero(is_peak)
-    found: Pixels = response[inside][rows, columns]
-    return np.column_stack([columns + left, rows + top]).astype(np.float32), found
+    if not is_peak.any():
+        return _NO_PEAKS
+    peaks = cv2.findNonZero(is_peak.view(np.uint8)).reshape(-1, 2)
+    found: Pixels = response[inside][peaks[:, 1], peaks[:, 0]]
+    return (peaks + [left, top]).astype(np.float32), found
 
 
 def _response(image: Image, config: VisualOdometryConfig) -> Any:

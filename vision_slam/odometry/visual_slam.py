@@ -306,7 +306,7 @@ class VisualSlam:
 
     def _retain(self, pixels: Pixels, agree: BoolArray, standing: bool = False) -> None:
         tracks = []
-        for track, pixel, is_good in zip(self._tracks, pixels, agree, strict=True):
+        for track, pixel, is_good in zip(self._tracks, pixels, agree.tolist(), strict=True):
             if is_good:
                 track.pixel = pixel
                 track.rest_pixel = track.rest_pixel if standing else pixel
@@ -334,8 +334,9 @@ class VisualSlam:
         self.window.add(self._pose, since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
+        newest = self.window.newest
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
-            track.add_observation(self.window.newest, ray)
+            track.add_observation(newest, ray)
         self.window.pixel_sigma = self._noise.sigma_px
         if self._tracks and self._has_travelled:
             self._retain(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))

@@ -115,10 +115,12 @@ class Window:
         # Corners are seen from one keyframe on in all of them, until they are lost.
         first = np.searchsorted(numbers, [track.keyframes[0] for track in tracks])
         seen = np.flatnonzero(first < len(numbers) - 1).tolist()
+        n_anchors = sum(self.newest - number >= len(numbers) - k for k, number in enumerate(numbers))
         rays: list[FloatArray] = []
         for j in seen:
-            track = tracks[j]
-            rays += [track.rays[k - track.keyframes[0]] for k in numbers[first[j] :]]
+            track, begin, k = tracks[j], tracks[j].keyframes[0], first[j]
+            rays += [track.rays[anchor - begin] for anchor in numbers[k:n_anchors]]
+            rays += track.rays[numbers[max(k, n_anchors)] - begin :]
         ray = np.concatenate(rays).reshape(-1, 3) if rays else np.zeros((0, 3))
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
         weight = ray[:, 2] ** 1.5 * self._focal_px / self.pixel_sigma
