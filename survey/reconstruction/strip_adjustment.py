@@ -16,12 +16,13 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from survey.core import BoolArray, DataObject, FloatArray, InputError, IntArray
 from survey.data import Dem, SurfacePoints
 from survey.data.ground_filter import spacing_m
-from survey.reconstruction.terrain_map import Reconstruction
+from survey.reconstruction.terrain_map import ADJUSTMENT, Reconstruction
 from survey.reconstruction.tiled.cells import CELL
 from survey.reconstruction.tiled.layout import CellWindow
 from survey.reconstruction.tiled.strips import (
@@ -43,15 +44,15 @@ from survey.reconstruction.tiled.summaries import (
 
 # Columns that hold the number of each point's strip; the point source of LAS is read as the first.
 _COLUMNS = ("strip", "point_source_id")
-ADJUSTMENT = "strip_adjustment"
-"""Key of the comparison in the record of a map."""
 # Side of a cell in mean distances of points, the least one [m], and the most cells of the raster of slopes.
 _CELL_SPACINGS, _LEAST_CELL_M, _MOST_CELLS = 1.5, 1.0, 20_000_000
 # Sizes of the strips' errors that are expected: those of maps in tiles.
 _EXPECTED = Sizes(offset_m=0.2, tilt_m=0.1)
 # Blocks farther from the others than so many standard deviations are left out, by so many rounds, where there are some.
 _OUTLIER_SIGMAS, _ROUNDS, _LEAST_BLOCKS = 4.0, 4, 8
-_MAD_TO_SIGMA, _TWO_SIDED_95 = 1.4826, 1.96
+_MAD_TO_SIGMA = 1.4826
+# Share of surveys without errors of strips in which a difference is named.
+_FALSE_ALARM = 0.05
 _LARGEST_NUMBER, _MOST_STRIPS = 2**31, 1000
 
 
@@ -208,22 +209,27 @@ class StripAdjustment(DataObject):
                 f"{seen}, adjusted by offsets from {-offset_m.max():+.3f} to {-offset_m.min():+.3f} m (σ up to {sigma_m.max():.3f} m) about "
                 f"their mean{groups}; overlaps differ by {after_m:.3f} m (RMS), {before_m:.3f} m before{left}"
             )
-        first, second, apart_m, sigma_m = self._largest()
-        is_significant = abs(apart_m) > _TWO_SIDED_95 * sigma_m
-        advice = (
-            "; σ of the map does not contain that, and --adjust-strips removes it" if is_significant else ""
-        )
+        above, below, apart_m, apart_sigma_m, is_significant = self._largest()
+        advice = "; σ of the map does not contain that, and --adjust-strips removes it" if is_significant else ""
         return (
-            f"{seen}, which differ by {before_m:.3f} m (RMS): {first} lies {apart_m:+.3f} ± {sigma_m:.3f} m above {second}{advice}"
-            f"{left}"
+            f"{seen}, which differ by {before_m:.3f} m (RMS): {above} lies {apart_m:.3f} ± {apart_sigma_m:.3f} m above {below}"
+            f"{advice}{left}"
         )
 
-    def _largest(self) -> tuple[int, int, float, float]:
-        """Return the two strips that differ most in standard deviations, by how much, and the standard deviation [m]."""
+    def _largest(self) -> tuple[int, int, float, float, bool]:
+        """Return the upper and the lower one of the two strips that differ most in standard deviations.
+
+        By how much, its standard deviation [m], and whether so large a difference is due to chance in less than 5 % of surveys follow.
+        """
         table, errors = StripPairs.of(self.blocks).table, self._errors()
         apart = np.array([errors.offset_between(int(row[0]), int(row[1]), row[3:5]) for row in table])
-        worst = int(np.argmax(np.abs(apart[:, 0]) / apart[:, 1]))
-        return int(table[worst, 0]) - 1, int(table[worst, 1]) - 1, *map(float, apart[worst])
+        z_scores = np.abs(apart[:, 0]) / apart[:, 1]
+        worst = int(np.argmax(z_scores))
+        apart_m, sigma_m = map(float, apart[worst])
+        first, second = (int(key) - 1 for key in table[worst, :2])
+        above, below = (first, second) if apart_m > 0.0 else (second, first)
+        is_significant = bool(z_scores[worst] > -ndtri(0.5 * _FALSE_ALARM / len(table)))
+        return above, below, abs(apart_m), sigma_m, is_significant
 
     def _variance(self, nearest: IntArray, xy: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the variance of the adjustment at nodes (N,) [m²] by the points nearest to them; 0 for strips without overlap."""
