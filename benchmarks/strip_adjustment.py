@@ -2,7 +2,7 @@
 
 Drawn surveys of four strips, 90 m wide and 240 m long with 30 m of overlap, on ground with relief. Each strip has an offset, and more by
 case: tilts and horizontal shifts, which the model has; a bend along the strip, plants in one strip, noise of another size or with
-outliers, which it has not. The 95 % intervals of the offsets about their mean, and of the differences in the overlaps, are judged by
+outliers, which it has not. The 95 % intervals of the strips' heights about their mean, and of the differences in the overlaps, are judged by
 the true errors. Real strips are adjusted by the points in every second square of 40 m and judged in the others, also by triangles of
 the other strip, which the adjustment does not use.
 """
@@ -28,7 +28,7 @@ from survey.reconstruction.strip_adjustment import StripAdjustment, compare_stri
 _WIDTH_M, _LENGTH_M, _APART_M, _N_STRIPS = 90.0, 240.0, 60.0, 4
 _CRS, _SIGMA_M, _PER_M2 = "EPSG:32608", 0.04, 2.0
 _FIRST_SEED = 1_000
-_SQUARE_M = 40.0
+_SQUARE_M, _LEAST_BLOCKS = 40.0, 5
 _REAL = {
     "gullied hill": "dem_gullies_santacruz_pozo/Blanca_in_Pozo_cl2_SC12.laz",
     **{f"wooded slope {k}": f"lidar_bcts_3strips/bcts_{k}.laz" for k in range(1, 5)},
@@ -73,11 +73,12 @@ _CASES = (
 
 
 class _Survey(NamedTuple):
-    """Points of a drawn survey, number of the strip of each, and its vertical error [m]."""
+    """Points of a drawn survey, number of the strip of each, its error in height [m], and the slope northwards [m/m]."""
 
     points: SurfacePoints
     strip: FloatArray
     error_m: FloatArray
+    slope: float
 
 
 def measure(quick: bool) -> Iterator[Row]:
@@ -90,14 +91,20 @@ def measure(quick: bool) -> Iterator[Row]:
 
 
 def _coverage(case: _Case, n: int) -> Iterator[Row]:
-    """Yield coverage of offsets and differences, the errors of heights before and after, and how often an error is named."""
+    """Yield coverage of heights and differences, the errors of heights before and after, and how often an error is named."""
     judged = [_judged(case, seed) for seed in range(_FIRST_SEED, _FIRST_SEED + n)]
     offsets, differences = (100.0 * float(np.mean([one[k] for one in judged])) for k in (0, 1))
     holds = None if case.least is None else min(offsets, differences) >= case.least
     bar = "" if case.least is None else f">= {case.least:g}"
-    yield Row(f"{case.name}: 95 % intervals of the offsets hold ({n} surveys)", offsets, "%", bar, holds)
-    yield Row(f"{case.name}: 95 % intervals of the differences in the overlaps hold", differences, "%", bar, holds)
-    yield Row(f"{case.name}: σ of an offset, median", float(np.median([one[2] for one in judged])), "m")
+    yield Row(
+        f"{case.name}: 95 % intervals of the strips' heights hold ({n} surveys)", offsets, "%", bar, holds
+    )
+    yield Row(
+        f"{case.name}: 95 % intervals of the differences in the overlaps hold", differences, "%", bar, holds
+    )
+    yield Row(
+        f"{case.name}: σ of a strip's height, median", float(np.median([one[2] for one in judged])), "m"
+    )
     before, after = (np.array([one[k] for one in judged]) for k in (3, 4))
     yield Row(f"{case.name}: errors of heights about their mean before, RMS", root_mean_square(before), "m")
     yield Row(f"{case.name}: after, RMS", root_mean_square(after), "m")
@@ -114,33 +121,34 @@ def _judged(case: _Case, seed: int) -> tuple[list[bool], list[bool], float, floa
     assert found.errors is not None
     numbers = np.arange(_N_STRIPS)
     true_m = np.array([drawn.error_m[drawn.strip == k].mean() for k in numbers])
-    sigma_m = np.sqrt(np.diag(found.errors.covariance)[::5])
-    held = np.abs(found.errors.errors[:, 0] - (true_m - true_m.mean())) <= 1.96 * sigma_m
+    height_m, sigma_m = found.heights_m()
+    held = np.abs(height_m - (true_m - true_m.mean())) <= 1.96 * sigma_m
     apart = [_apart(found, drawn, first, second) for first, second in pairwise(numbers)]
-    after_m = drawn.error_m - (drawn.points.z - _level(found, drawn))
+    after_m = (
+        drawn.error_m
+        - (drawn.points.z - found.adjusted(drawn.points).z)
+        + drawn.slope * _moved_m(found, drawn)
+    )
     spread = (root_mean_square(each - each.mean()) for each in (drawn.error_m, after_m))
     is_named = "--adjust-strips" in found.sentence(is_adjusted=False)
     return held.tolist(), apart, float(np.median(sigma_m)), *spread, is_named
 
 
-def _level(found: StripAdjustment, drawn: _Survey) -> FloatArray:
-    """Return the heights of points (N,) without the vertical errors that were found [m]."""
-    assert found.errors is not None
-    keys = (found.strip + 1).astype(np.uint32)
-    level = np.zeros((len(keys), 2))
-    heights: FloatArray = drawn.points.z - found.errors.at(keys, drawn.points.xy, level)
-    return heights
+def _moved_m(found: StripAdjustment, drawn: _Survey) -> FloatArray:
+    """Return how far the points (N,) are moved northwards [m]."""
+    moved: FloatArray = drawn.points.xy[:, 1] - found.adjusted(drawn.points).xy[:, 1]
+    return moved
 
 
 def _apart(found: StripAdjustment, drawn: _Survey, first: int, second: int) -> bool:
-    """Return whether the difference of two strips amid their overlap lies within its 95 % interval."""
-    assert found.errors is not None
+    """Return whether the difference of two strips in their overlap lies within its 95 % interval."""
     x = _APART_M * second + 0.5 * (_WIDTH_M - _APART_M)
-    place = np.array([x, 0.5 * _LENGTH_M])
     near = np.abs(drawn.points.xy[:, 0] - x) < 0.5 * (_WIDTH_M - _APART_M)
     true_m = [drawn.error_m[near & (drawn.strip == k)].mean() for k in (first, second)]
-    apart_m, sigma_m = found.errors.offset_between(first + 1, second + 1, place)
-    return bool(abs(apart_m - (true_m[0] - true_m[1])) <= 1.96 * sigma_m)
+    pair = next(
+        p for p in found.facts(is_adjusted=False)["overlaps"] if p["strips"] == [str(first), str(second)]
+    )
+    return bool(abs(pair["height_m"] - (true_m[0] - true_m[1])) <= 1.96 * pair["height_m_sigma"])
 
 
 def _drawn(case: _Case, seed: int) -> _Survey:
@@ -151,27 +159,38 @@ def _drawn(case: _Case, seed: int) -> _Survey:
     xyz = np.concatenate([part[0] for part in parts])
     strip = np.repeat(np.arange(float(_N_STRIPS)), [len(part[0]) for part in parts])
     points = SurfacePoints(xyz, sigma_m=_SIGMA_M, values={"strip": strip}, crs=_CRS)
-    return _Survey(points, strip, np.concatenate([part[1] for part in parts]))
+    return _Survey(points, strip, np.concatenate([part[1] for part in parts]), _slope(case))
 
 
 def _strip(
     case: _Case, rng: np.random.Generator, relief: FloatArray, number: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Draw the points (N, 3) of a strip [m], and its vertical error at them (N,) [m]."""
+    """Draw the points (N, 3) of a strip [m], and its error in height at them (N,), that of a horizontal shift on the slope included [m]."""
     n = int(case.per_m2 * _WIDTH_M * _LENGTH_M)
     own = rng.uniform(0.0, 1.0, (n, 2)) * [_WIDTH_M, _LENGTH_M]
     xy = own + [_APART_M * number, 0.0]
-    z = map_coordinates(relief, xy.T, order=1, mode="reflect") + np.tan(np.deg2rad(case.slope_deg)) * xy[:, 1]
+    z = map_coordinates(relief, xy.T, order=1, mode="reflect") + _slope(case) * xy[:, 1]
     across, along = (2.0 * own / [_WIDTH_M, _LENGTH_M] - 1.0).T
-    size = rng.standard_normal(4) * [case.offset_m, case.tilt_m * _WIDTH_M / _LENGTH_M, case.tilt_m, case.bend_m]
+    size = rng.standard_normal(4) * [
+        case.offset_m,
+        case.tilt_m * _WIDTH_M / _LENGTH_M,
+        case.tilt_m,
+        case.bend_m,
+    ]
     error_m = size[0] + size[1] * across + size[2] * along + size[3] * np.sin(4.0 * along + number)
     noise_m = _SIGMA_M * (case.noise if number == 1 else 1.0) * rng.standard_normal(n)
     wrong_m = np.where(rng.random(n) < case.outliers, 1.0, 0.0)
     if number == 1:
         squares = np.where(rng.random((40, 40)) < case.plants, rng.uniform(0.1, 0.4, (40, 40)), 0.0)
         wrong_m += squares[tuple((xy // 10.0).astype(np.int64).T)]
-    moved = xy + case.shift_m * rng.standard_normal(2)
-    return np.column_stack([moved, z + error_m + noise_m + wrong_m]), error_m
+    shift_m = case.shift_m * rng.standard_normal(2)
+    seen = np.column_stack([xy + shift_m, z + error_m + noise_m + wrong_m])
+    return seen, error_m - _slope(case) * shift_m[1]
+
+
+def _slope(case: _Case) -> float:
+    """Return the slope northwards [m/m]."""
+    return float(np.tan(np.deg2rad(case.slope_deg)))
 
 
 def _real(name: str, file: Path) -> Iterator[Row]:
@@ -186,22 +205,19 @@ def _real(name: str, file: Path) -> Iterator[Row]:
     for when, cloud in (("before", judged), ("after", after)):
         compared = compare_strips(cloud)
         assert compared is not None
-        yield Row(f"{name}: strips differ in blocks that were not used, {when}, RMS", compared.rms_m()[0], "m")
-    assert found.errors is not None
-    numbers = [int(key) - 1 for key in found.errors.places.keys]
-    pairs = [(a, b) for a in numbers for b in numbers if a < b]
-    medians = [[_median_m(cloud, strip, *pair) for pair in pairs] for cloud in (judged, after)]
+        yield Row(
+            f"{name}: strips differ in blocks that were not used, {when}, RMS", compared.rms_m()[0], "m"
+        )
+    overlaps = found.facts(is_adjusted=False)["overlaps"]
+    pairs = [tuple(map(int, pair["strips"])) for pair in overlaps if pair["n_blocks"] >= _LEAST_BLOCKS]
+    medians = [
+        [above_triangles_m(cloud.xyz - cloud.xyz.min(axis=0), strip, *pair) for pair in pairs]
+        for cloud in (judged, after)
+    ]
     for when, values in zip(("before", "after"), medians, strict=True):
-        largest = float(np.nanmax(np.abs(values)))
+        largest = float(np.max(np.abs(values)))
         yield Row(f"{name}: largest median of points above triangles of another strip, {when}", largest, "m")
     yield Row(f"{name}: CPU time of {len(used):,} points", seconds, "s")
-
-
-def _median_m(points: SurfacePoints, strip: FloatArray, first: int, second: int) -> float:
-    """Return the median height of points of a strip above triangles of another one [m]; NaN for few points."""
-    if min((strip == k).sum() for k in (first, second)) < 100:
-        return float("nan")
-    return above_triangles_m(points.xyz - points.xyz.min(axis=0), strip, first, second)
 
 
 if __name__ == "__main__":

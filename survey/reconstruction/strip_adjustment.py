@@ -4,8 +4,8 @@ Points name their strip, such as the flight line of LAS (point source). Cells th
 their mean heights, brought to one place by the slope. Blocks of cells whose difference stands apart from the others, such as
 those of plants that one strip alone has seen, are left out. `compare_strips` estimates the errors of every strip from the rest
 by the least squares of maps in tiles (`survey.reconstruction.tiled.strips`): an offset, tilts where the overlaps show them, and
-a horizontal shift on slopes. Differences do not show the level of all strips together: offsets count from the mean of the strips
-that overlap one another.
+a horizontal shift on slopes. Heights on ground as steep as the overlaps are stated, as uniform slopes hardly tell an offset from a
+shift. Differences do not show the level of all strips together: heights count from the mean of the strips that overlap one another.
 """
 
 from dataclasses import dataclass, replace
@@ -65,8 +65,7 @@ class StripAdjustment(DataObject):
     strip : (N,) ndarray of int
         Number of each point's strip, which may be 0.
     errors : StripErrors, optional
-        Of the strips that overlap another one, by number + 1; offsets count from the mean of those that overlap one another. None
-        where no strip does.
+        Of the strips that overlap another one, by number + 1. None where no strip does.
     blocks : (B,) ndarray
         Blocks of cells that two strips have seen, without outliers.
     n_outliers : int
@@ -157,17 +156,36 @@ class StripAdjustment(DataObject):
             "rms_before_m": before_m, "rms_after_m": after_m, "n_blocks": len(self.blocks),
             "n_outliers": self.n_outliers, "n_groups": self.n_groups, "rest_m": self.errors.sizes.rest_m(),
         }  # fmt: skip
-        keys = self.errors.places.keys
-        counts = [int(np.sum((self.blocks["first"] == k) | (self.blocks["second"] == k))) for k in keys]
+        height_m, sigma_m = self.heights_m()
+        pairs = _pairs(self.errors, self.blocks)
         strips = {
-            str(int(key) - 1): {**own, "n_blocks": n}
-            for key, own, n in zip(keys, self.errors.facts().values(), counts, strict=True)
+            name: {
+                "height_m": float(height),
+                "height_m_sigma": float(sigma),
+                **{term: value for term, value in own.items() if not term.startswith("offset")},
+                "n_blocks": sum(pair["n_blocks"] for pair in pairs if name in pair["strips"]),
+            }
+            for name, height, sigma, own in zip(
+                (str(int(key) - 1) for key in self.errors.places.keys),
+                height_m,
+                sigma_m,
+                self.errors.facts().values(),
+                strict=True,
+            )
         }
-        pairs = [
-            {**pair, "strips": [str(int(name) - 1) for name in pair["strips"]]}
-            for pair in StripPairs.of(self.blocks).facts(self.errors)
-        ]
         return {"strips": strips, "overlaps": pairs, ADJUSTMENT: summary}
+
+    def heights_m(self) -> tuple[FloatArray, FloatArray]:
+        """Return how far the strips lie above their mean, at the middle of each and on ground as steep as their overlaps.
+
+        Returns
+        -------
+        heights, sigmas : (S,) ndarray
+            Of the strips that overlap another one, with the standard deviations [m].
+        """
+        errors = self._errors()
+        rows = _height_rows(errors.places, self.blocks)
+        return rows @ errors.errors.ravel(), np.sqrt(np.sum((rows @ errors.covariance) * rows, axis=1))
 
     def rms_m(self) -> tuple[float, float]:
         """Return the root mean square difference of strips over blocks of cells.
@@ -203,33 +221,22 @@ class StripAdjustment(DataObject):
         before_m, after_m = self.rms_m()
         seen = f"{len(self.errors.places.keys)} strips, {len(self.blocks)} blocks of overlap"
         if is_adjusted:
-            offset_m, sigma_m = self.errors.errors[:, 0], np.sqrt(np.diag(self.errors.covariance)[::N_TERMS])
+            height_m, sigma_m = self.heights_m()
             groups = f" in each of {self.n_groups} groups" if self.n_groups > 1 else ""
             return (
-                f"{seen}, adjusted by offsets from {-offset_m.max():+.3f} to {-offset_m.min():+.3f} m (σ up to {sigma_m.max():.3f} m) about "
+                f"{seen}, adjusted by {-height_m.max():+.3f} to {-height_m.min():+.3f} m (σ up to {sigma_m.max():.3f} m) about "
                 f"their mean{groups}; overlaps differ by {after_m:.3f} m (RMS), {before_m:.3f} m before{left}"
             )
-        above, below, apart_m, apart_sigma_m, is_significant = self._largest()
-        advice = "; σ of the map does not contain that, and --adjust-strips removes it" if is_significant else ""
+        pairs = _pairs(self.errors, self.blocks)
+        most = max(pairs, key=lambda pair: abs(pair["height_m"]) / pair["height_m_sigma"])
+        apart_m, sigma_m = most["height_m"], most["height_m_sigma"]
+        above, below = most["strips"] if apart_m > 0.0 else most["strips"][::-1]
+        is_large = abs(apart_m) > -ndtri(0.5 * _FALSE_ALARM / len(pairs)) * sigma_m
+        advice = "; σ of the map does not contain that, and --adjust-strips removes it" if is_large else ""
         return (
-            f"{seen}, which differ by {before_m:.3f} m (RMS): {above} lies {apart_m:.3f} ± {apart_sigma_m:.3f} m above {below}"
+            f"{seen}, which differ by {before_m:.3f} m (RMS): {above} lies {abs(apart_m):.3f} ± {sigma_m:.3f} m above {below}"
             f"{advice}{left}"
         )
-
-    def _largest(self) -> tuple[int, int, float, float, bool]:
-        """Return the upper and the lower one of the two strips that differ most in standard deviations.
-
-        By how much, its standard deviation [m], and whether so large a difference is due to chance in less than 5 % of surveys follow.
-        """
-        table, errors = StripPairs.of(self.blocks).table, self._errors()
-        apart = np.array([errors.offset_between(int(row[0]), int(row[1]), row[3:5]) for row in table])
-        z_scores = np.abs(apart[:, 0]) / apart[:, 1]
-        worst = int(np.argmax(z_scores))
-        apart_m, sigma_m = map(float, apart[worst])
-        first, second = (int(key) - 1 for key in table[worst, :2])
-        above, below = (first, second) if apart_m > 0.0 else (second, first)
-        is_significant = bool(z_scores[worst] > -ndtri(0.5 * _FALSE_ALARM / len(table)))
-        return above, below, abs(apart_m), sigma_m, is_significant
 
     def _variance(self, nearest: IntArray, xy: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the variance of the adjustment at nodes (N,) [m²] by the points nearest to them; 0 for strips without overlap."""
@@ -349,16 +356,39 @@ def _expected(errors: StripErrors, blocks: npt.NDArray[np.void]) -> FloatArray:
 
 
 def _about_mean(errors: StripErrors, blocks: npt.NDArray[np.void]) -> tuple[StripErrors, int]:
-    """Return errors whose offsets count from the mean of the strips that overlap one another, and the number of such groups."""
+    """Return errors whose heights count from the mean of the strips that overlap one another, and the number of such groups."""
     n = len(errors.places.keys)
-    ends = [errors.places.numbers(blocks[name]) for name in ("first", "second")]
-    graph = coo_array((np.ones(len(blocks)), tuple(ends)), shape=(n, n))
-    n_groups, group = connected_components(graph, directed=False)
+    ends = tuple(errors.places.numbers(blocks[name]) for name in ("first", "second"))
+    n_groups, group = connected_components(
+        coo_array((np.ones(len(blocks)), ends), shape=(n, n)), directed=False
+    )
     together = (group[:, None] == group).astype(np.float64)
     change = np.eye(n * N_TERMS)
-    change[::N_TERMS, ::N_TERMS] -= together / together.sum(axis=1)
+    change[::N_TERMS] -= together / together.sum(axis=1) @ _height_rows(errors.places, blocks)
     centred = (change @ errors.errors.ravel()).reshape(n, N_TERMS)
     return replace(errors, errors=centred, covariance=change @ errors.covariance @ change.T), int(n_groups)
+
+
+def _height_rows(places: StripPlaces, blocks: npt.NDArray[np.void]) -> FloatArray:
+    """Return the rows (S, 5 S) that make the errors of all strips the error of height of each, on ground as steep as its overlaps."""
+    n = len(places.keys)
+    sums = np.zeros((n, 3))
+    for name in ("first", "second"):
+        np.add.at(sums, places.numbers(blocks[name]), np.column_stack([blocks[k] for k in "nev"]))
+    rows = np.zeros((n, n, N_TERMS))
+    own = np.arange(n)
+    rows[own, own] = places.design(own, places.middle, sums[:, 1:] / sums[:, :1])
+    return rows.reshape(n, -1)
+
+
+def _pairs(errors: StripErrors, blocks: npt.NDArray[np.void]) -> list[dict[str, Any]]:
+    """Return how far each strip lies above another one at the middle of their overlap, on ground as steep as that, for the record."""
+    found = []
+    for first, second, n, x, y, east, north, *_ in StripPairs.of(blocks).table.tolist():
+        height_m, sigma_m = errors.offset_between(int(first), int(second), np.array([x, y]), (east, north))
+        names = [str(int(key) - 1) for key in (first, second)]
+        found.append({"strips": names, "n_blocks": int(n), "height_m": height_m, "height_m_sigma": sigma_m})
+    return found
 
 
 def _slopes(mean: Dem) -> FloatArray:
