@@ -333,18 +333,30 @@ def _cells(
 
 
 def _without_outliers(places: StripPlaces, blocks: npt.NDArray[np.void]) -> tuple[StripErrors, BoolArray]:
-    """Return the errors of strips, and which blocks they are estimated from."""
-    kept = np.ones(len(blocks), dtype=bool)
+    """Return the errors of strips, and which blocks they are estimated from.
+
+    Tilts follow plants at one end of a strip, so that the first comparison is with the median of each pair of strips.
+    """
+    _, pair = np.unique(blocks[["first", "second"]], return_inverse=True)
+    measured = blocks["d"] / blocks["n"]
+    medians = np.array([np.median(measured[pair == k]) for k in range(pair.max() + 1)])
+    now = _inliers(measured - medians[pair], pair)
     for _ in range(_ROUNDS):
-        errors = solve_strips(places, blocks[kept], np.zeros(0, OVERLAP), _EXPECTED)
-        rest = blocks["d"] / blocks["n"] - _expected(errors, blocks)
-        rest /= np.sqrt(blocks["scatter"] / blocks["n"] + 2.0 * errors.sizes.rest_m() ** 2)
-        away = np.abs(rest - np.median(rest))
-        now = away <= _OUTLIER_SIGMAS * _MAD_TO_SIGMA * np.median(away)
-        if len(blocks) < _LEAST_BLOCKS or (now == kept).all():
-            break
         kept = now
+        errors = solve_strips(places, blocks[kept], np.zeros(0, OVERLAP), _EXPECTED)
+        sigma_m = np.sqrt(blocks["scatter"] / blocks["n"] + 2.0 * errors.sizes.rest_m() ** 2)
+        now = _inliers((measured - _expected(errors, blocks)) / sigma_m, pair)
+        if (now == kept).all():
+            break
     return errors, kept
+
+
+def _inliers(rest: FloatArray, pair: IntArray) -> BoolArray:
+    """Return which residuals (N,) lie near the others; all where they are few, and all of a pair of strips with none."""
+    away = np.abs(rest - np.median(rest))
+    near = away <= _OUTLIER_SIGMAS * _MAD_TO_SIGMA * np.median(away)
+    found: BoolArray = near | (np.bincount(pair, near)[pair] == 0) | (len(rest) < _LEAST_BLOCKS)
+    return found
 
 
 def _expected(errors: StripErrors, blocks: npt.NDArray[np.void]) -> FloatArray:
