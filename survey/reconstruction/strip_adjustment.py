@@ -142,7 +142,7 @@ class StripAdjustment(DataObject):
         Returns
         -------
         dict
-            ``strips`` and ``overlaps`` as maps in tiles record them, and ``strip_adjustment``.
+            ``strips`` and ``overlaps``, where there are any, and ``strip_adjustment``.
         """
         summary: dict[str, Any] = {
             "sentence": self.sentence(is_adjusted=is_adjusted),
@@ -212,7 +212,7 @@ class StripAdjustment(DataObject):
         Returns
         -------
         str
-            With the largest difference of two strips and, of adjusted points, the range of the offsets.
+            With the largest difference of two strips and, of adjusted points, the range of the heights.
         """
         alone = ", ".join(map(str, self.alone[:5])) + (" …" if len(self.alone) > 5 else "")
         left = f"; left as they are, without overlap: {alone}" if self.alone else ""
@@ -408,4 +408,5 @@ def _slopes(mean: Dem) -> FloatArray:
     if min(mean.shape) < 2:
         return np.zeros((mean.elevation.size, 2))
     south, east = np.gradient(mean.elevation, mean.step_m)
-    return np.nan_to_num(np.column_stack([east.ravel(), -south.ravel()]))
+    slopes: FloatArray = np.nan_to_num(np.column_stack([east.ravel(), -south.ravel()]))
+    return slopes
