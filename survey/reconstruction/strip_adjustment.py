@@ -125,7 +125,7 @@ class StripAdjustment(DataObject):
             return replace(result, diagnostics=facts)
         std = result.std
         _, nearest = cKDTree(points.xy).query(std.xy)
-        variance = self._variance(np.asarray(nearest), std.xy, _slopes(result.mean))
+        variance = self.variance_m2(np.asarray(nearest), std.xy, _slopes(result.mean))
         raised = Dem.on(
             std.grid(), np.sqrt(std.elevation**2 + variance.reshape(std.shape)), std.vertical_datum
         )
@@ -238,8 +238,23 @@ class StripAdjustment(DataObject):
             f"{advice}{left}"
         )
 
-    def _variance(self, nearest: IntArray, xy: FloatArray, slope: FloatArray) -> FloatArray:
-        """Return the variance of the adjustment at nodes (N,) [m²] by the points nearest to them; 0 for strips without overlap."""
+    def variance_m2(self, nearest: IntArray, xy: FloatArray, slope: FloatArray) -> FloatArray:
+        """Return the variance of the adjustment at places, about the mean of the strips.
+
+        Parameters
+        ----------
+        nearest : (N,) ndarray of int
+            The points nearest to the places, by whose strips they are adjusted.
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+        slope : (N, 2) ndarray
+            Slopes eastwards and northwards [m/m].
+
+        Returns
+        -------
+        (N,) ndarray
+            Variance [m²]; 0 for strips without overlap, whose errors are not known.
+        """
         errors, strip = self._errors(), self.strip[nearest]
         moved = np.flatnonzero(~np.isin(strip, self.alone))
         number = errors.places.numbers((strip[moved] + 1).astype(np.uint32))
