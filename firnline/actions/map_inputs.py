@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pyproj import CRS
@@ -20,6 +20,9 @@ from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.observations import SoundPoints, sound_points
 from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.config import LocalizationConfig
+
+if TYPE_CHECKING:
+    from survey.reconstruction.strip_adjustment import StripAdjustment
 
 
 def blunder_text(found: Mapping[str, Any]) -> str:
@@ -45,6 +48,7 @@ class PointInputs(NamedTuple):
     prior: survey.Dem | None
     blunders: tuple[dict[str, Any], ...]
     notes: tuple[str, ...] = ()
+    strips: "StripAdjustment | None" = None
 
     @property
     def facts(self) -> dict[str, str]:
@@ -90,6 +94,9 @@ def read_points(request: MapRequest) -> PointInputs:
         from vision_slam.fusion.pose_constraints import tie_drives
 
         drives = tie_drives(drives, paths, DriveTies.read(options.ties))
+    strips = _compared(drives.points, options.sources[0], request) if request.compares_strips else None
+    if strips is not None and options.adjust_strips:
+        drives = drives._replace(points=strips.adjusted(drives.points))
     points = drives.points
     if points.keyframe is not None and drives.path is None:
         notes += (_APART,)
@@ -97,7 +104,19 @@ def read_points(request: MapRequest) -> PointInputs:
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
     prior = None if options.prior is None else _prior(options.prior, grid, options.units)
     blunders = tuple(found for each in sound for found in each.blunders)
-    return PointInputs(drives, grid, area, paths, prior, blunders, notes)
+    return PointInputs(drives, grid, area, paths, prior, blunders, notes, strips)
+
+
+def _compared(points: survey.SurfacePoints, file: Path, request: MapRequest) -> "StripAdjustment | None":
+    """Return what the overlaps of strips show; where they are to be adjusted, refuse points that do not name several."""
+    from survey.reconstruction.strip_adjustment import compare_strips  # loads compiled code
+
+    strips: StripAdjustment | None = compare_strips(points)
+    if strips is None and request.options.adjust_strips:
+        raise InputError(
+            f"{file} does not name several strips (a point source of LAS or LAZ, or whole numbers in a column strip); leave --adjust-strips out."
+        )
+    return strips
 
 
 def _noted_points(request: MapRequest, file: Path) -> tuple[SoundPoints, tuple[str, ...]]:

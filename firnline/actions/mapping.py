@@ -24,7 +24,7 @@ from survey.core import picture_files, read_json, replacing_folder
 from survey.data.ice_motion import ICE_MOTION, IceMotion, read_motion, write_motion
 from survey.reconstruction.mapping import cut_to_area, map_landmarks, map_scans
 from survey.reconstruction.motion.refinement import on_ice
-from survey.reconstruction.terrain_map import ELEVATION, METHOD_CHOICE
+from survey.reconstruction.terrain_map import ADJUSTMENT, ELEVATION, METHOD_CHOICE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -217,6 +217,8 @@ def _findings(result: survey.Reconstruction) -> list[str]:
     )
     if share is not None:
         lines.append(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
+    if ADJUSTMENT in found:
+        lines.append(fact_line("strips", found[ADJUSTMENT]["sentence"]))
     lines += [fact_line("note", note) for note in found.get("notes", ())]
     lines += [fact_line("left out", blunder_text(each)) for each in found.get("blunders", ())]
     lines += [fact_line("warning", each["sentence"]) for each in found.get("contradictions", ())]
@@ -230,7 +232,7 @@ def _findings(result: survey.Reconstruction) -> list[str]:
 
 def _map_points(request: MapRequest, progress: Progress) -> MapResult:
     """Map the points of a file, or of several drives, over the area, or over their bounding box."""
-    drives, grid, area, paths, prior, blunders, notes = read_points(request)
+    drives, grid, area, paths, prior, blunders, notes, strips = read_points(request)
     points, quantity, choice = drives.points, request.options.value or ELEVATION, None
     if request.leaves_method_open and drives.path is None and points.covariance is None:
         from survey.reconstruction.method_choice import compare_methods  # loads the engines
@@ -250,6 +252,8 @@ def _map_points(request: MapRequest, progress: Progress) -> MapResult:
     )
     result, motion = mapped.reconstruction, None
     result = result if choice is None else choice.recorded(result, points)
+    if strips is not None:
+        result = strips.recorded(result, points, is_adjusted=request.options.adjust_strips)
     if notes:
         result = replace(result, diagnostics={**result.diagnostics, "notes": list(notes)})
     if request.motion_file is not None and mapped.solution is not None:

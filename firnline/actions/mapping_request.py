@@ -17,6 +17,7 @@ from survey.io.point_files import TABLES
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
+from survey.reconstruction.terrain_map import ELEVATION
 from vision_slam.readers.gps_files import is_receiver_log
 
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
@@ -49,6 +50,12 @@ class MapRequest:
     def is_of_fixes(self) -> bool:
         """Whether the sources are logs of receivers, whose fixes lie on their own path."""
         return are_fixes(self.options.sources)
+
+    @property
+    def compares_strips(self) -> bool:
+        """Whether the sources are heights of points whose errors nothing else estimates, so that strips among them are compared."""
+        is_of_points = not (self.is_of_scans or self.is_registered or self.is_of_fixes)
+        return is_of_points and not self.method.needs_path and self.options.value in (None, ELEVATION)
 
     @property
     def leaves_method_open(self) -> bool:
@@ -210,6 +217,11 @@ def _refuse_unused(request: MapRequest) -> None:
     if named and (request.is_of_scans or request.is_registered):
         raise InputError(
             "--columns and --format choose columns of tables of points, and scans have none; leave them out."
+        )
+    if request.options.adjust_strips and (not request.compares_strips or request.config.rays):
+        raise InputError(
+            "--adjust-strips moves points of the ground in one file before they are mapped, and neither scans, paths, lines of sight nor "
+            "other values go with that; leave it out."
         )
     _refuse_paths(request)
     if request.options.ties is not None and len(request.options.trajectories) < 2:

@@ -246,6 +246,13 @@ class ReconstructRequest(RunOptions, PictureOptions):
             "classified refuses such files; all takes every point but noise, withheld and synthetic ones.",
         ),
     ] = "auto"
+    adjust_strips: Annotated[
+        bool,
+        Option(
+            "--adjust-strips",
+            help="Remove the errors of overlapping strips (the point source of LAS/LAZ, or a column strip) before mapping.",
+        ),
+    ] = False
     trajectories: Annotated[
         list[Path],
         Option(

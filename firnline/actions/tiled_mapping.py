@@ -197,6 +197,8 @@ def _refuse_unused(options: ReconstructRequest) -> None:
         "--product": options.product,
         "--ground": None if options.ground == "auto" else options.ground,
     }
+    if options.adjust_strips:
+        raise InputError("maps in tiles adjust strips in any case; leave --adjust-strips out.")
     for name, value in unused.items():
         if value is not None:
             raise InputError(f"maps in tiles do not use {name}; leave it out, or leave --tiles out.")

@@ -37,6 +37,7 @@ from survey.io.point_table import (
 # LAS stores coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _COARSE_STEP_M = 0.05
+_FIRST_WITH_FLAG = 6
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
 
 
@@ -70,6 +71,10 @@ def read_las(path: Path, named: Any = None) -> PointTable:
         column = np.asarray(las[name])
         if column.ndim == 1:
             add_column(columns, name, column, file)
+    sources = np.asarray(las.point_source_id)
+    if (sources != sources[0]).any():
+        columns.setdefault("strip", sources.astype(np.float64))
+    _say_overlap(las, file)
     _say_steps(las.header, file)
     datum, lengths = datum_of_header(las.header, crs), lengths_of_header(las.header, file)
     for record in las.header.vlrs:
@@ -88,6 +93,18 @@ def _say_steps(header: Any, file: Path) -> None:
             "the point file %s stores heights in steps of %g, which rounds them by up to half of that; export it with finer scales.",
             file,
             step,
+        )
+
+
+def _say_overlap(points: Any, file: Path) -> None:
+    """Log how many points carry the overlap flag of formats 6 to 10, which both strips may: without them the ground may have holes."""
+    n = int(np.count_nonzero(points.overlap)) if points.point_format.id >= _FIRST_WITH_FLAG else 0
+    if n:
+        logging.getLogger(__name__).warning(
+            "the point file %s flags %d of %d points as overlap; they are used, as strips that overlap may both carry the flag.",
+            file,
+            n,
+            len(points),
         )
 
 

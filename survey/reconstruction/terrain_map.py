@@ -53,6 +53,8 @@ CHECK, CLAIM, BEYOND = "left_out_check", "rmse_claim", "beyond_points"
 """Entries of the diagnostics: test by points that were left out, posterior of the map's error, and ground far from all points."""
 METHOD_CHOICE = "method_choice"
 """Entry of the diagnostics: the method that was chosen, and why."""
+ADJUSTMENT = "strip_adjustment"
+"""Entry of the diagnostics: what the overlaps of strips show, and whether the points are adjusted."""
 _SYMBOLS = {"c": "°C", "degC": "°C", "percent": "%"}
 _UDUNITS = {"°C": "degree_Celsius", "%": "percent"}
 SIGMAS_95 = 1.959964
