@@ -30,7 +30,7 @@ HALF_IN = 4.4
 DPI = 144
 SHARP_DPI = 240
 """Pixels per inch of figures in pages: two for each CSS pixel."""
-_COMPRESSION = 4
+_COMPRESSION = 6
 
 INK = "#1d2a35"
 MUTED = "#66727c"
