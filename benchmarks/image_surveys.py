@@ -3,7 +3,6 @@
 import pickle
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row
-from benchmarks.stored_parts import code_digest
+from benchmarks.stored_parts import code_digest, simulated_folder
 from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.gps import GpsReceiver
 from sim.vehicle.motion import RoverMotion
@@ -32,7 +31,7 @@ from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
+SURVEYS = simulated_folder("surveys")
 _ODOMETRY_CODE = (
     "vision_slam/odometry",
     "vision_slam/attitude.py",

@@ -6,7 +6,6 @@ receiver of the mission is drawn eight times, because the luck of one draw would
 recognise are left out: these drives never meet themselves.
 """
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from benchmarks.image_surveys import seen
 from benchmarks.odometry_errors import simulated_drive
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import simulated_folder
 from sim.instruments.sensor import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
@@ -30,7 +30,7 @@ from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.relocalization import align_heading
 
 SEEDS = (21, 22, 23, 24, 25)
-DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
+DRIVES = simulated_folder("drives")
 _N_DRAWS = 8
 _NAMES = ("odometry alone, headed by the fixes", "online", "smoothed")
 

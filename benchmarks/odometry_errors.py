@@ -16,7 +16,6 @@ where it also walks by w per square root of a metre, and its mean over a stretch
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -25,6 +24,7 @@ import numpy as np
 
 from benchmarks.image_surveys import seen, survey_in_images
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import simulated_folder
 from sim.simulate.error_model import (
     STRETCH_M,
     OdometryErrors,
@@ -40,7 +40,7 @@ from vision_slam.config import LocalizationConfig
 
 SEEDS = (11, 12, 13)
 SURVEYS = tuple(int(seed) for seed in os.environ.get("FIRNLINE_ERROR_SURVEYS", "61 62").split())
-DRIVES = Path(tempfile.gettempdir()) / "firnline-dev"
+DRIVES = simulated_folder("dev")
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
 _STRAIGHT_RAD = 0.1
 

@@ -13,6 +13,7 @@ from benchmarks.writer import current_run
 from papers.provenance import used_cpu_s
 
 ROOT = Path(__file__).parents[1]
+_PRODUCT = ("survey", "planners", "vision_slam", "sim")
 
 
 def stored(file: Path, make: Callable[[], Any]) -> Any:
@@ -42,6 +43,11 @@ def stored_rows(file: Path, make: Callable[[], Iterable[Row]]) -> list[Row]:
 def parts_folder(name: str, *sources: str) -> Path:
     """Return the folder of a benchmark's parts, another one for other code of the localization or of the sources."""
     return Path(tempfile.gettempdir()) / f"firnline-{name}" / code_digest(("vision_slam", *sources))
+
+
+def simulated_folder(name: str) -> Path:
+    """Return the folder of drives and missions that benchmarks simulate once, another one for other code of the product."""
+    return Path(tempfile.gettempdir()) / f"firnline-{name}" / code_digest(_PRODUCT)
 
 
 def code_digest(sources: Sequence[str], without: Sequence[str] = ()) -> str:

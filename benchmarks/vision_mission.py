@@ -15,7 +15,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
@@ -37,6 +36,7 @@ from benchmarks.image_surveys import (
     survey_at,
 )
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import simulated_folder
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
 from survey.core.errors import CapacityError
@@ -51,7 +51,7 @@ from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-MISSIONS = Path(tempfile.gettempdir()) / "firnline-missions"
+MISSIONS = simulated_folder("missions")
 SEEDS = tuple(int(seed) for seed in os.environ.get("FIRNLINE_MISSION_SEEDS", "71,72,73,74,75").split(","))
 PLANNERS = {
     "lawnmower": (),

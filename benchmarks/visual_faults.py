@@ -10,7 +10,6 @@ and none is off by more than 5 m but where the rover declares itself lost, and i
 """
 
 import shutil
-import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row, main
-from benchmarks.stored_parts import parts_folder, stored_rows
+from benchmarks.stored_parts import parts_folder, simulated_folder, stored_rows
 from sim.config.mission import MissionConfig
 from sim.config.sensors import FaultConfig
 from sim.instruments.registry import SensorFaults
@@ -45,7 +44,7 @@ from vision_slam.places.relocalization import align_heading
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.
 SEEDS = (43, 44)
-DRIVES = Path(tempfile.gettempdir()) / "firnline-faults"
+DRIVES = simulated_folder("faults")
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
 HOOK = ((0.0, 0.0), (20.0, 0.0), (20.0, 10.0), (6.0, 10.0), (6.0, -8.0))
 KNOT = (

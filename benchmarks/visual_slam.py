@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
-from benchmarks.stored_parts import parts_folder, stored
+from benchmarks.stored_parts import parts_folder, simulated_folder, stored
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
 from survey.data.frames import Frames, Image
@@ -49,7 +49,7 @@ from vision_slam.recordings import read_sequence
 # With seed 29 it drives over a dirt cone that turns the camera by 25 degrees from one image to the next. The map is
 # too small for some metres after that, so that 285 of 13,175 landmarks have four fifths of the squared errors.
 SEEDS = (26, 27, 29, 30, 31)
-DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
+DRIVES = simulated_folder("drives")
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
 KITTI = Path(__file__).parents[2] / "shared" / "data" / "seq_kitti_mini" / "KITTI_sequence_1"
 EARLIER = os.environ.get("FIRNLINE_EARLIER")
