@@ -17,8 +17,7 @@ Errors of the path are not included.
 scanner's range and with the distance d from the swath for that from the sensor.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -28,17 +27,18 @@ from numba import njit
 from scipy.special import erf
 from scipy.stats import norm
 
+from planners.config import settings_factor
 from planners.prediction.assumptions import MapAssumptions
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
 from planners.prediction.places import spread_places
-from planners.swaths.reference_lines import axes_of
-from survey import ConfigError, Dem, Grid, InputError, SurfacePoints, SurveyArea
+from planners.swaths.reference_lines import axes_of, narrowest_heading
+from survey import Dem, Grid, InputError, SurfacePoints, SurveyArea
 from survey.core import Bounds, FloatArray, Progress, stream
 from survey.data.sensors.lidar import Scanner
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.terrain import ice_micro_relief
-from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, kernel_field
+from survey.terrain.random_fields import CoarseCells, ConditionalTerrain, spectral_field
 
 N_PATCHES = 6
 """Pieces of terrain that are drawn, spread over the area."""
@@ -46,6 +46,7 @@ _HALF_LENGTH_M, _VIEW_M, _MARGIN_M = 20.0, 50.0, 10.0
 """Half the length of the judged ground, how far before and behind it scans are taken, and the lattice's rim [m]."""
 _FINEST_M, _RATIO = 5.0, 1.05
 """Smallest distance between swaths, and the factor between those that are tried."""
+_PADDING_CELLS = 8.0
 _SEED = 61
 
 
@@ -98,7 +99,7 @@ def widest_spacing(
     survey: LidarSurvey,
     wish_m: float,
     *,
-    heading_deg: float = 0.0,
+    heading_deg: float | None = None,
     probability: float = 0.9,
     assumed: MapAssumptions | None = None,
     progress: Progress | None = None,
@@ -115,8 +116,8 @@ def widest_spacing(
         Scanner, scans per metre and lattice.
     wish_m : float
         Root mean square error that the map may have [m].
-    heading_deg : float
-        Direction of the swaths, counter-clockwise from east [deg].
+    heading_deg : float, optional
+        Direction of the swaths, counter-clockwise from east [deg]; across the narrowest width by default.
     probability : float
         Probability with which the error is met.
     assumed : MapAssumptions, optional
@@ -127,16 +128,23 @@ def widest_spacing(
     Returns
     -------
     LidarSpacing
-        The spacing, and the prediction.
+        The spacing, and the prediction. Where no spacing meets the error, the smallest one that is tried, with its error.
 
     Raises
     ------
-    ConfigError
-        An error that no spacing meets, with the least that is reached.
     InputError
-        A prior with too few cells.
+        A prior with too few cells, or a CRS whose metres are not those of the ground.
     """
-    model = SpacingModel.of(area, prior, survey, heading_deg, probability, assumed)
+    if settings_factor(area) != 1.0:
+        raise InputError(
+            f"the CRS {area.crs.name} has metres that differ from those of the ground by more than 1 %, so that ranges of a "
+            "scanner do not fit; plan in a UTM zone (--crs)."
+        )
+    if heading_deg is None:
+        heading_deg = narrowest_heading(area.free)
+    model = SpacingModel.of(
+        area, prior, survey, heading_deg=heading_deg, probability=probability, assumed=assumed
+    )
     ladder = model.ladder_m
     errors: dict[int, float] = {}
 
@@ -147,11 +155,7 @@ def widest_spacing(
         return errors[k] <= wish_m
 
     if not meets(0):
-        raise ConfigError(
-            f"no distance between swaths is predicted to map the area within {wish_m:.4g} m with {probability:.0%}: even "
-            f"{ladder[0]:g} m apart the error is {errors[0]:.4g} m; ask for a larger error, state finer nodes or smoother "
-            "ground (--surface, --micro-relief), a higher scanner, more beams or a smaller noise."
-        )
+        return LidarSpacing(float(ladder[0]), errors[0], 0.0, 0.0)
     low, high = 0, len(ladder)
     while high - low > 1:
         middle = (low + high) // 2
@@ -179,26 +183,31 @@ class SpacingModel:
         area: SurveyArea,
         prior: Dem,
         survey: LidarSurvey,
+        *,
         heading_deg: float = 0.0,
         probability: float = 0.9,
         assumed: MapAssumptions | None = None,
     ) -> "SpacingModel":
         """Draw the terrain for an area with a prior, as rough as it is with a probability at most."""
         assumed = assumed or MapAssumptions()
-        posterior = posterior_in_grid(area, prior, assumed)
-        frames = np.column_stack(axes_of(heading_deg))
-        drawn = tuple(
-            _Patch(place, frames, terrain)
-            for place, terrain in _terrains(area, prior, survey, posterior, frames, (probability, assumed))
-        )
-        width_m = float(np.ptp(shapely.get_coordinates(area.free) @ frames[:, 1]))
-        return cls(survey, drawn, width_m)
+        kernels = _rough_kernels(posterior_in_grid(area, prior, assumed), probability)
+        axes = np.column_stack(axes_of(heading_deg))
+        half = np.array([_HALF_LENGTH_M + _VIEW_M, _widest_m(survey)]) + _MARGIN_M
+        step_m = 0.5 * survey.node_step_m
+        reach = step_m * np.ceil(np.abs(axes) @ half / step_m)
+        patches = []
+        for k, place in enumerate(spread_places(area, N_PATCHES)[:N_PATCHES]):
+            grid = Grid((*(place - reach).tolist(), *(place + reach).tolist()), step_m, area.crs)
+            rng = stream(_SEED, "lidar spacing", "terrain", k)
+            patches.append(_Patch(place, axes, _drawn(grid, prior, kernels[k], assumed.prior_sigma_m, rng)))
+        width_m = float(np.ptp(shapely.get_coordinates(area.free) @ axes[:, 1]))
+        return cls(survey, tuple(patches), width_m)
 
     @property
     def ladder_m(self) -> FloatArray:
         """Distances between swaths that are tried [m]."""
         n = int(np.log(_widest_m(self.survey) / _FINEST_M) / np.log(_RATIO)) + 1
-        ladder: FloatArray = _FINEST_M * _RATIO ** np.arange(n)
+        ladder: FloatArray = _FINEST_M * _RATIO ** np.arange(float(n))
         return ladder
 
     def rmse_m(self, spacing_m: float) -> float:
@@ -240,7 +249,9 @@ class SpacingModel:
         known = np.isfinite(error)
         return across[judged][known], np.square(error[known])
 
-    def _mapped(self, k: int, offsets_m: FloatArray, half_m: float, config: FieldLatticeConfig) -> FieldLattice:
+    def _mapped(
+        self, k: int, offsets_m: FloatArray, half_m: float, config: FieldLatticeConfig
+    ) -> FieldLattice:
         """Map a patch from the scans along swaths at offsets [m], up to a distance across [m]."""
         patch, step = self.patches[k], self.survey.node_step_m
         corners = patch.world(_CORNERS * [_HALF_LENGTH_M, half_m])
@@ -256,16 +267,16 @@ class SpacingModel:
 
         Heights depend on the stiffness times the square of the factor on the points' errors.
         """
-        learning = FieldLatticeConfig(
-            step_m=self.survey.node_step_m, n_draws=0, calibrate=False, gate=False
-        )
+        learning = FieldLatticeConfig(step_m=self.survey.node_step_m, n_draws=0, calibrate=False, gate=False)
         offsets_m = np.array([-0.5, 0.5]) * _LEARNED_M
         learned = [
             self._mapped(k, offsets_m, _LEARNED_M, learning).stiffness_ for k in (0, len(self.patches) - 1)
         ]
         stiffness, range_m = (
             float(np.exp(np.mean(np.log(each))))
-            for each in zip(*((one.stiffness * one.noise_factor**2, one.range_m) for one in learned), strict=True)
+            for each in zip(
+                *((one.stiffness * one.noise_factor**2, one.range_m) for one in learned), strict=True
+            )
         )
         return learning.model_copy(update={"stiffness": stiffness, "range_m": range_m})
 
@@ -316,37 +327,22 @@ def _widest_m(survey: LidarSurvey) -> float:
     return 1.5 * survey.farthest_m
 
 
-def _terrains(
-    area: SurveyArea,
-    prior: Dem,
-    survey: LidarSurvey,
-    posterior: KernelPosterior,
-    axes: FloatArray,
-    stated: tuple[float, MapAssumptions],
-) -> Iterator[tuple[FloatArray, Dem]]:
-    """Yield places (2,) and the terrain drawn about each; every covariance is drawn as often as it weighs."""
-    probability, assumed = stated
+def _rough_kernels(posterior: KernelPosterior, probability: float) -> list[WeightedKernel]:
+    """Return a covariance for each patch, as often as it weighs; its ground is smoother than that with the probability."""
     factor = float(np.exp(norm.ppf(probability) * np.hypot(posterior.spread, posterior.open_spread)))
-    shares = np.cumsum([one.weight for one in posterior.kernels])
-    half = np.array([_HALF_LENGTH_M + _VIEW_M, _widest_m(survey)]) + _MARGIN_M
-    step_m = 0.5 * survey.node_step_m
-    reach = step_m * np.ceil(np.abs(axes) @ half / step_m)
-    for k, place in enumerate(spread_places(area, N_PATCHES)[:N_PATCHES]):
-        one = posterior.kernels[min(int(np.searchsorted(shares, (k + 0.5) / N_PATCHES)), len(shares) - 1)]
-        grid = Grid((*(place - reach).tolist(), *(place + reach).tolist()), step_m, area.crs)
-        rng = stream(_SEED, "lidar spacing", "terrain", k)
-        yield place, _drawn(grid, prior, _rougher(one, factor), assumed.prior_sigma_m, rng)
-
-
-def _rougher(one: WeightedKernel, factor: float) -> WeightedKernel:
-    """Return a covariance of ground that is rougher by a factor."""
-    return one._replace(variance_m2=factor**2 * one.variance_m2, unseen_m2=factor**2 * one.unseen_m2)
+    shares = np.cumsum([one.weight for one in posterior.kernels])[:-1]
+    numbers = np.searchsorted(shares, (np.arange(N_PATCHES) + 0.5) / N_PATCHES)
+    chosen = [posterior.kernels[k] for k in numbers.tolist()]
+    return [
+        one._replace(variance_m2=factor**2 * one.variance_m2, unseen_m2=factor**2 * one.unseen_m2)
+        for one in chosen
+    ]
 
 
 def _drawn(grid: Grid, prior: Dem, one: WeightedKernel, sigma_m: float, rng: np.random.Generator) -> Dem:
     """Draw terrain that agrees with the cells of a prior.
 
-    The correction that makes a free draw agree with the cells has no waves shorter than them, so that it is found on
+    Waves longer than the drawn piece and eight cells come from the prior alone. The correction that makes a free draw agree with the cells has no waves shorter than them, so that it is found on
     nodes a quarter of a cell apart.
     """
     xmin, ymin, xmax, ymax = grid.bounds
@@ -358,7 +354,8 @@ def _drawn(grid: Grid, prior: Dem, one: WeightedKernel, sigma_m: float, rng: np.
         cells = CoarseCells(prior, sigma_m)
     coarse = _around(grid, cells.prior)
     wide = Grid(coarse.bounds, grid.step_m, grid.crs)
-    free = Dem.on(wide, kernel_field(wide, rng, one.kernel))
+    waves, _ = spectral_field(wide, rng, one.kernel.spectral_density, padding_m=_PADDING_CELLS * cell)
+    free = Dem.on(wide, waves)
     agreeing = ConditionalTerrain(cells, one.kernel, coarse).conditioned(free, rng)
     change = Dem.on(coarse, agreeing.elevation - free.at(coarse.xy).reshape(coarse.shape))
     heights = free.at(grid.xy) + change.at(grid.xy)
@@ -413,7 +410,10 @@ def _sensors(patch: _Patch, local: FloatArray, survey: LidarSurvey) -> tuple[Flo
     """Return places (N, 3) of the scanner [m], which stands square to the ground, and the ground's slopes (N, 2)."""
     xy, reach = patch.world(local), patch.terrain.step_m * np.eye(2)
     slope = np.column_stack(
-        [(patch.terrain.at(xy + to) - patch.terrain.at(xy - to)) / (2.0 * patch.terrain.step_m) for to in reach]
+        [
+            (patch.terrain.at(xy + to) - patch.terrain.at(xy - to)) / (2.0 * patch.terrain.step_m)
+            for to in reach
+        ]
     )
     height_m = survey.scanner.mount_m[2]
     return np.column_stack([xy - height_m * slope, patch.terrain.at(xy) + height_m]), slope
