@@ -324,7 +324,7 @@ def _range_m(distance_m: FloatArray, squared_m2: FloatArray, wish_m: float) -> f
 
 
 def _widest_m(survey: LidarSurvey) -> float:
-    return 1.5 * survey.farthest_m
+    return 2.0 * survey.farthest_m
 
 
 def _rough_kernels(posterior: KernelPosterior, probability: float) -> list[WeightedKernel]:
