@@ -1,7 +1,7 @@
 """Whether swaths spaced by what a LiDAR sees give the map that was wished for, driven on fresh terrain.
 
 Run with ``python -m benchmarks.lidar_spacing``. Sites of 140 × 240 m are planned from cells of 30 m with an error of
-0.3 m by `planners.prediction.lidar_spacing`, with a probability of 0.9, and driven by a scanner of 16 beams that sees 40 m.
+0.3 m by `planners.swaths.lidar_spacing`, with a probability of 0.9, and driven by a scanner of 16 beams that sees 40 m.
 The scans are those of the simulator: rays on the real terrain, lost returns, wrong ranges, blown snow, a tilted
 mounting. The lattice of ``reconstruct --method field`` maps them. The path is that of the drive: its errors are no
 matter of the spacing. Every site is also driven with numbers of swaths about the planned one, each a ninth more than
@@ -27,7 +27,7 @@ from benchmarks.fleet.sites import FAMILIES, on_site
 from benchmarks.mission_settings import stated_mission
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
-from planners.prediction.lidar_spacing import height_sigma_m, widest_spacing
+from planners.swaths.lidar_spacing import height_sigma_m, widest_spacing
 from sim.config.mission import MissionConfig
 from sim.instruments.lidar import scanner_of, scans_along
 from sim.mission.foresight import lidar_survey
@@ -64,18 +64,18 @@ class Case(NamedTuple):
 
 CASES = (
     Case("as stated", 12),
-    Case("micro-relief 1.5 times that stated", 3, ("terrain.micro_relief_sd_m=0.45",)),
+    Case("micro-relief 1.5 times that stated", 2, ("terrain.micro_relief_sd_m=0.45",)),
     Case(
         "noise of ranges and directions twice that stated",
-        3,
+        2,
         ("sensors.lidar.range_sigma_m=0.06", "sensors.lidar.divergence_deg=0.1"),
     ),
     Case(
         "four tenths of the returns lost, snow blown",
-        3,
+        2,
         ("sensors.lidar.dropped_share=0.4", "sensors.lidar.spray_share=0.05"),
     ),
-    Case("mounds of 1 m that the prior does not show", 3, has_mounds=True),
+    Case("mounds of 1 m that the prior does not show", 2, has_mounds=True),
 )
 
 
@@ -231,4 +231,4 @@ def _case_rows(case: Case, found: list[dict[str, Any]]) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    main("swath spacing of a LiDAR survey", measure, ("numpy", "scipy", "numba"))
+    main("LiDAR spacing", measure, ("numpy", "scipy", "numba"))

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement
+    from planners.swaths.lidar_spacing import LidarSpacing
 
 
 def limit_of(require: str) -> float:
@@ -300,9 +301,13 @@ def _plan_next(
 
 @dataclass(frozen=True, kw_only=True)
 class LidarPlan(PlanResult):
-    """Route whose swaths are as far apart as the map of a LiDAR's scans allows. `limit_m`: the largest RMSE [m]."""
+    """Route whose swaths are as far apart as the map of a LiDAR's scans allows.
+
+    `spacing`: the widest distance between swaths with its prediction. `limit_m`: largest RMSE [m].
+    """
 
     route: "survey.Route"
+    spacing: "LidarSpacing"
     limit_m: float
 
     def facts(self) -> dict[str, Any]:
@@ -314,27 +319,21 @@ class LidarPlan(PlanResult):
         """Return the spacing, and what is predicted of the map."""
         from planners.swaths.reference_lines import swaths_text
 
-        found = self.route.prediction
-        return [
-            f"{swaths_text(self.route)}, written to {self.request.written_text}",
-            fact_line("length", length_text(found["length_m"])),
-            fact_line(
-                "RMSE of the LiDAR's map",
-                f"at most {found['lidar_rmse_m']:.3g} m with {self.request.probability:.0%}, swaths up to "
-                f"{found['lidar_spacing_m']:.3g} m apart",
-            ),
-            fact_line(
-                "one swath",
-                f"maps the ground within {self.limit_m:.3g} m up to {found['lidar_range_m']:.3g} m beside it",
-            ),
-            fact_line("EMap paper", f"3 r_m = {found['lidar_paper_width_m']:.3g} m for two passes"),
-            fact_line("not included", "errors of the path; moving objects"),
-        ]
+        found = self.spacing
+        rows = {
+            "length": length_text(self.route.prediction["length_m"]),
+            "widest spacing": f"{found.spacing_m:.3g} m, RMSE of the LiDAR's map up to {found.rmse_m:.2g} m with {self.request.probability:.0%}",
+            "one swath": f"maps the ground within {self.limit_m:.3g} m as far as {found.range_m:.3g} m beside it",
+            "EMap paper": f"two swaths for a width of 3 r_m = {found.paper_width_m:.3g} m",
+            "not included": "errors of the path",
+        }
+        swaths = f"{swaths_text(self.route)}, written to {self.request.written_text}"
+        return [swaths, *(fact_line(title, text) for title, text in rows.items())]
 
 
 def plan_lidar(request: PlanRequest, progress: Progress = no_progress) -> LidarPlan:
     """Plan swaths that are as far apart as the map of a mission's LiDAR allows."""
-    from planners.prediction.lidar_spacing import widest_spacing
+    from planners.swaths.lidar_spacing import widest_spacing
     from sim.mission.foresight import lidar_survey
     from sim.mission.runs import read_mission
 
@@ -361,6 +360,5 @@ def plan_lidar(request: PlanRequest, progress: Progress = no_progress) -> LidarP
     )
     predicted = {f"lidar_{name}": value for name, value in found._asdict().items()}
     route = replace(route, prediction={**route.prediction, **predicted})
-    return LidarPlan(
-        request=request, route=route, drawing=PlanDrawing(area, prior, rover=mission.rover), limit_m=limit_m
-    )
+    drawing = PlanDrawing(area, prior, rover=mission.rover)
+    return LidarPlan(request=request, route=route, drawing=drawing, spacing=found, limit_m=limit_m)

@@ -8,7 +8,7 @@ import planners
 from planners.guarantee.survey_lines import smallest_sufficient
 from planners.planning import require_cover
 from planners.prediction.error_model import ErrorModel
-from planners.prediction.lidar_spacing import LidarSurvey
+from planners.swaths.lidar_spacing import LidarSurvey
 from sim.config.mission import MissionConfig
 from sim.instruments.lidar import scanner_of
 from sim.mission.drive_prediction import PredictedSurvey, error_model_of, planned_mission, predict_survey

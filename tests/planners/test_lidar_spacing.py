@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.prediction import lidar_spacing
 from planners.prediction.assumptions import MapAssumptions
-from planners.prediction.lidar_spacing import (
+from planners.swaths import lidar_spacing
+from planners.swaths.lidar_spacing import (
     LidarSurvey,
     SpacingModel,
     height_sigma_m,
@@ -26,7 +26,7 @@ SURVEY = LidarSurvey(scanner=SCANNER, scan_step_m=4.0, farthest_m=20.0)
 GRID = Grid((0.0, 0.0, 80.0, 80.0), 1.0, CRS)
 
 
-def returns(terrain: Dem, sensor=(40.0, 40.0, 1.5)):
+def returns(terrain, sensor=(40.0, 40.0, 1.5)):
     return lidar_spacing._returns(terrain, SURVEY, np.array([sensor]), np.zeros((1, 2)))
 
 
