@@ -49,7 +49,7 @@ WISH_M, PROBABILITY, NODES_M = 0.1, 0.9, 2.0
 MOST_SWATHS = 16
 _MOUND_M, _MOUND_SIGMA_M = 1.0, 4.0
 ALONG_M, ACROSS_M = 140.0, 240.0
-_RANGE_M, _SCANS_TOGETHER = 40.0, 40
+_RANGE_M, _SCANS_TOGETHER = 40.0, 160
 _SOURCES = ("survey", "planners", "sim", "benchmarks/lidar_spacing.py")
 
 
