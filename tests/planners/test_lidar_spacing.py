@@ -26,6 +26,14 @@ SURVEY = LidarSurvey(scanner=SCANNER, scan_step_m=4.0, farthest_m=20.0)
 GRID = Grid((0.0, 0.0, 80.0, 80.0), 1.0, CRS)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_patches():
+    """Half as many pieces of terrain, so that the tests are fast."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lidar_spacing, "N_PATCHES", 3)
+        yield
+
+
 def returns(terrain, sensor=(40.0, 40.0, 1.5)):
     return lidar_spacing._returns(terrain, SURVEY, np.array([sensor]), np.zeros((1, 2)))
 

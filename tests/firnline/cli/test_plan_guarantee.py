@@ -169,6 +169,7 @@ range_m = 25.0
     return ["--lidar", str(file)]
 
 
+@pytest.mark.long
 def test_swaths_are_as_far_apart_as_the_map_of_a_lidar_allows(site, lidar):
     folder, _ = site
     out = folder / "lidar.geojson"
@@ -182,7 +183,12 @@ def test_swaths_are_as_far_apart_as_the_map_of_a_lidar_allows(site, lidar):
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        (["--require", "0.0001"], 5, "no distance between swaths is predicted to map the area"),
+        pytest.param(
+            ["--require", "0.0001"],
+            5,
+            "no distance between swaths is predicted to map the area",
+            marks=pytest.mark.long,
+        ),
         (["--require", "0.3", "--adaptive"], 4, "leave out --adaptive"),
         (["--require", "0.3", "--set", "sensors.lidar.beams=0"], 4, "has no LiDAR"),
         ([], 4, "--lidar goes with --require"),
