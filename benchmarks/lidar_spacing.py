@@ -4,8 +4,8 @@ Run with ``python -m benchmarks.lidar_spacing``. Sites of 140 × 240 m are plann
 0.3 m by `planners.swaths.lidar_spacing`, with a probability of 0.9, and driven by a scanner of 16 beams that sees 40 m.
 The scans are those of the simulator: rays on the real terrain, lost returns, wrong ranges, blown snow, a tilted
 mounting. The lattice of ``reconstruct --method field`` maps them. The path is that of the drive: its errors are no
-matter of the spacing. Every site is also driven with numbers of swaths about the planned one, each a ninth more than
-the one before or one more; the widest spacing that meets the error is the least that had to be driven.
+matter of the spacing. Every site is also driven with one swath fewer as long as that meets the error, or with
+one more until it does: the fewest swaths that had to be driven.
 
 In the other rows the simulator differs from what was stated. Seeds 8101 and up were used for nothing else; settings were
 chosen on seeds 51 to 55.
