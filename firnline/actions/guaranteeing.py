@@ -1,7 +1,7 @@
-"""Plans that guarantee a map class: before the survey, or swath by swath."""
+"""Plans that guarantee a map class: before the survey, swath by swath, or of the map that a LiDAR makes between the swaths."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from planners.guarantee.adaptive import AdaptiveSurvey
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement
+    from planners.swaths.lidar_spacing import LidarSpacing
 
 
 def limit_of(require: str) -> float:
@@ -296,3 +297,68 @@ def _plan_next(
     if advice.route is None:
         stated = {"done": "the guarantee holds, no more driving is needed", **stated}
     return AdaptivePlan(request=request, route=advice.route, drawing=PlanDrawing(area, prior), stated=stated)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LidarPlan(PlanResult):
+    """Route whose swaths are as far apart as the map of a LiDAR's scans allows.
+
+    `spacing`: the widest distance between swaths with its prediction. `limit_m`: largest RMSE [m].
+    """
+
+    route: "survey.Route"
+    spacing: "LidarSpacing"
+    limit_m: float
+
+    def facts(self) -> dict[str, Any]:
+        """Return files, spacing and predictions."""
+        sizes = {"limit_m": self.limit_m, "spacing_m": self.route.spacing_m, "swaths": len(self.route.swaths)}
+        return self.request.written | sizes | dict(self.route.prediction)
+
+    def lines(self) -> list[str]:
+        """Return the spacing, and what is predicted of the map."""
+        from planners.swaths.reference_lines import swaths_text
+
+        found = self.spacing
+        rows = {
+            "length": length_text(self.route.prediction["length_m"]),
+            "widest spacing": f"{found.spacing_m:.3g} m, RMSE of the LiDAR's map up to {found.rmse_m:.2g} m with {self.request.probability:.0%}",
+            "one swath": f"maps the ground within {self.limit_m:.3g} m as far as {found.range_m:.3g} m beside it",
+            "EMap paper": f"two swaths for a width of 3 r_m = {found.paper_width_m:.3g} m",
+            "not included": "errors of the path",
+        }
+        swaths = f"{swaths_text(self.route)}, written to {self.request.written_text}"
+        return [swaths, *(fact_line(title, text) for title, text in rows.items())]
+
+
+def plan_lidar(request: PlanRequest, progress: Progress = no_progress) -> LidarPlan:
+    """Plan swaths that are as far apart as the map of a mission's LiDAR allows."""
+    from planners.swaths.lidar_spacing import widest_spacing
+    from sim.mission.foresight import lidar_survey
+    from sim.mission.runs import read_mission
+
+    mission = read_mission(cast("Path", request.lidar), request.settings)
+    area, prior = prior_of(request)
+    limit_m = limit_of(str(request.require))
+    found = widest_spacing(
+        area,
+        prior,
+        lidar_survey(mission),
+        limit_m,
+        probability=request.probability,
+        assumed=request.assumptions,
+        progress=progress,
+    )
+    if found.rmse_m > limit_m:
+        raise NotMetError(
+            f"no distance between swaths is predicted to map the area within {limit_m:.4g} m with {request.probability:.0%}: "
+            f"{found.spacing_m:g} m apart the RMSE is {found.rmse_m:.2g} m; ask for a larger error, state the ground "
+            "(--surface, --micro-relief) or a better prior, or give the mission a higher scanner, more beams or a finer map."
+        )
+    route = planners.plan(
+        area, prior, planners.LawnmowerConfig(spacing_m=found.spacing_m), rover=mission.rover
+    )
+    predicted = {f"lidar_{name}": value for name, value in found._asdict().items()}
+    route = replace(route, prediction={**route.prediction, **predicted})
+    drawing = PlanDrawing(area, prior, rover=mission.rover)
+    return LidarPlan(request=request, route=route, drawing=drawing, spacing=found, limit_m=limit_m)

@@ -152,6 +152,13 @@ class PlanRequest(RunOptions, PictureOptions):
             help="Predict the errors that the path shares, from its sensors and aiding (--set): numbers of swaths and of stakes.",
         ),
     ] = False
+    lidar: Annotated[
+        Path | None,
+        Option(
+            "--lidar",
+            help="Mission file whose LiDAR maps the area: the widest spacing of swaths for which its map meets --require.",
+        ),
+    ] = None
     adaptive: Annotated[
         bool, Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
     ] = False
@@ -285,7 +292,7 @@ class PlanRequest(RunOptions, PictureOptions):
             raise InputError(
                 f"the sheets {self.out} are pictures; leave --no-pictures out, or write a route (.geojson)."
             )
-        inputs = (self.source, self.prior, self.no_go, self.driven, self.measured)
+        inputs = (self.source, self.prior, self.no_go, self.driven, self.measured, self.lidar)
         refuse_existing(self.files.values(), force=self.force, inputs=inputs)
 
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":

@@ -10,6 +10,7 @@ import survey
 from firnline.actions.guaranteeing import (
     plan_adaptive,
     plan_guaranteed,
+    plan_lidar,
 )
 from firnline.actions.interface import Preview, Progress, Result, fact_line, no_progress, previewed_by
 from firnline.actions.joint_planning import plan_joint, plan_mission_swaths
@@ -191,6 +192,7 @@ _OF_A_MISSION = (
 )  # fmt: skip
 _OF_AN_AREA = (
     "joint",
+    "lidar",
     "adaptive",
     "driven",
     "measured",
@@ -278,7 +280,7 @@ def _mode_of_area(request: PlanRequest) -> Callable[[PlanRequest, Progress], Pla
         return _season_mode(request)
     if request.require is not None:
         return _guarantee_mode(request)
-    stated = request.given("joint", "adaptive", "driven", "measured", "assume")
+    stated = request.given("joint", "lidar", "adaptive", "driven", "measured", "assume")
     if stated:
         raise ConfigError(
             f"{', '.join(stated)} goes with --require; give the class or error that is required."
@@ -292,7 +294,7 @@ def _season_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], Plan
         raise ConfigError(
             "--season and --dates belong together: the wanted error, and the days of both surveys."
         )
-    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings", "rates")
+    stated = request.given(*_DECIDED, "require", "joint", "lidar", "adaptive", "assume", "settings", "rates")
     if stated:
         raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
     if request.out.suffix.lower() not in (".geojson", ".gpkg"):
@@ -307,14 +309,21 @@ def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest, Progress], P
         for name in request.given(*_DECIDED, "rates")
         if name != "--pattern" or request.pattern != "lawnmower"
     ]
-    if request.settings and not request.joint:
-        stated.append("--set (which goes with --joint)")
+    if request.settings and not (request.joint or request.lidar):
+        stated.append("--set (which goes with --joint and --lidar)")
     if stated:
         raise ConfigError(
             f"--require chooses pattern, swaths and spacing itself, for one rover; leave out {', '.join(stated)}."
         )
     if request.joint and request.adaptive:
         raise ConfigError("--joint predicts a complete survey beforehand; leave out --adaptive.")
+    if request.lidar is not None:
+        stated = request.given("joint", "adaptive", "max_swaths")
+        if stated:
+            raise ConfigError(
+                f"--lidar chooses the spacing by what the scanner sees; leave out {', '.join(stated)}."
+            )
+        return plan_lidar
     if request.joint:
         return plan_joint
     return plan_adaptive if request.adaptive else plan_guaranteed

@@ -40,6 +40,8 @@ def plan(request: PlanRequest, printing: Printing) -> None:
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --joint --set aids.base_station=true
 
+      firnline plan site.gpkg --prior srtm.tif --require 0.1 --lidar lidar_spacing.toml
+
       firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive -o first_two.geojson
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive --driven so_far.geojson --measured so_far.csv

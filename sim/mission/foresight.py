@@ -1,4 +1,4 @@
-"""Numbers of swaths and stakes with which the map of a mission is predicted to meet a limit."""
+"""Numbers of swaths and stakes with which the map of a mission is predicted to meet a limit, and the LiDAR that a plan assumes."""
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -8,7 +8,9 @@ import planners
 from planners.guarantee.survey_lines import smallest_sufficient
 from planners.planning import require_cover
 from planners.prediction.error_model import ErrorModel
+from planners.swaths.lidar_spacing import LidarSurvey
 from sim.config.mission import MissionConfig
+from sim.instruments.lidar import scanner_of
 from sim.mission.drive_prediction import PredictedSurvey, error_model_of, planned_mission, predict_survey
 from sim.world.site import World
 from survey import ConfigError
@@ -107,3 +109,21 @@ def _fewest_swaths(
 def cheapest(surveys: Iterable[PredictedSurvey]) -> PredictedSurvey | None:
     """Return the survey with the least to drive, and of those the one with the fewest stakes."""
     return min(surveys, key=lambda one: (round(one.length_m), one.stakes), default=None)
+
+
+def lidar_survey(mission: MissionConfig) -> LidarSurvey:
+    """Return what a plan assumes of a mission's LiDAR; refuse a mission that has none."""
+    config, limits = mission.sensors.lidar, mission.reconstruction.scans
+    if config.beams == 0:
+        raise ConfigError(
+            f"the mission {mission.name} has no LiDAR; set its number of beams (--set sensors.lidar.beams=32)."
+        )
+    return LidarSurvey(
+        scanner=scanner_of(config),
+        scan_step_m=mission.rover.speed_m_s / config.rate_hz,
+        nearest_m=limits.nearest_m,
+        farthest_m=min(limits.farthest_m, config.range_m),
+        reach_m=config.reach_m,
+        mounting_sigma_deg=config.mounting_sigma_deg,
+        node_step_m=mission.reconstruction.grid_step_m,
+    )

@@ -147,3 +147,55 @@ def test_a_probability_that_is_no_guarantee_is_refused(site):
         app, ["plan", "examples/quick.toml", "--require", "class-3", "--probability", "0"]
     )
     assert mission.exit_code == 4
+
+
+@pytest.fixture(scope="module")
+def lidar(site):
+    """A mission with a small LiDAR."""
+    file = site[0] / "lidar.toml"
+    file.write_text(
+        """schema_version = 1
+name = "lidar"
+terrain = { source = "srtm-sample" }
+planner = { pattern = "lawnmower", swaths = 4 }
+
+[sensors.lidar]
+beams = 12
+columns = 60
+rate_hz = 0.25
+range_m = 25.0
+"""
+    )
+    return ["--lidar", str(file)]
+
+
+@pytest.mark.long
+def test_swaths_are_as_far_apart_as_the_map_of_a_lidar_allows(site, lidar):
+    folder, _ = site
+    out = folder / "lidar.geojson"
+    facts = json.loads(firnline(folder, "--require", "0.3", *lidar, "--no-pictures", "-o", str(out)).stdout)
+    assert facts["lidar_rmse_m"] <= 0.3
+    assert facts["spacing_m"] <= facts["lidar_spacing_m"]
+    assert facts["lidar_paper_width_m"] > 0.0
+    assert Route.read(out).prediction["lidar_rmse_m"] == pytest.approx(facts["lidar_rmse_m"])
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        pytest.param(
+            ["--require", "0.0001"],
+            5,
+            "no distance between swaths is predicted to map the area",
+            marks=pytest.mark.long,
+        ),
+        (["--require", "0.3", "--adaptive"], 4, "leave out --adaptive"),
+        (["--require", "0.3", "--set", "sensors.lidar.beams=0"], 4, "has no LiDAR"),
+        ([], 4, "--lidar goes with --require"),
+    ],
+)
+def test_a_lidar_plan_that_cannot_be_made_is_refused_in_one_sentence(site, lidar, options, code, words):
+    folder, _ = site
+    out = folder / "refused_lidar.geojson"
+    assert words in " ".join(firnline(folder, *options, *lidar, "-o", str(out), code=code).output.split())
+    assert not out.exists()
