@@ -24,8 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numba import njit
-from scipy.special import erf
-from scipy.stats import norm
+from scipy.special import erf, ndtri
 
 from planners.config import settings_factor
 from planners.prediction.assumptions import MapAssumptions
@@ -329,7 +328,7 @@ def _widest_m(survey: LidarSurvey) -> float:
 
 def _rough_kernels(posterior: KernelPosterior, probability: float) -> list[WeightedKernel]:
     """Return a covariance for each patch, as often as it weighs; its ground is smoother than that with the probability."""
-    factor = float(np.exp(norm.ppf(probability) * np.hypot(posterior.spread, posterior.open_spread)))
+    factor = float(np.exp(ndtri(probability) * np.hypot(posterior.spread, posterior.open_spread)))
     shares = np.cumsum([one.weight for one in posterior.kernels])[:-1]
     numbers = np.searchsorted(shares, (np.arange(N_PATCHES) + 0.5) / N_PATCHES)
     chosen = [posterior.kernels[k] for k in numbers.tolist()]
@@ -342,8 +341,8 @@ def _rough_kernels(posterior: KernelPosterior, probability: float) -> list[Weigh
 def _drawn(grid: Grid, prior: Dem, one: WeightedKernel, sigma_m: float, rng: np.random.Generator) -> Dem:
     """Draw terrain that agrees with the cells of a prior.
 
-    Waves longer than the drawn piece and eight cells come from the prior alone. The correction that makes a free draw agree with the cells has no waves shorter than them, so that it is found on
-    nodes a quarter of a cell apart.
+    Waves longer than the drawn piece and eight cells come from the prior alone. The correction that makes a free draw agree
+    with the cells has no waves shorter than them, so that it is found on nodes a quarter of a cell apart.
     """
     xmin, ymin, xmax, ymax = grid.bounds
     cell = prior.step_m
