@@ -31,9 +31,10 @@ from planners.prediction.assumptions import MapAssumptions
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel, posterior_in_grid
 from planners.prediction.places import spread_places
 from planners.swaths.reference_lines import axes_of, narrowest_heading
-from survey import Dem, Grid, InputError, SurfacePoints, SurveyArea
+from survey import CapacityError, Dem, Grid, InputError, SurfacePoints, SurveyArea
 from survey.core import Bounds, FloatArray, Progress, stream
 from survey.data.sensors.lidar import Scanner
+from survey.reconstruction.gp.engines.regression import MEMORY_MB
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.terrain import ice_micro_relief
@@ -45,7 +46,7 @@ _HALF_LENGTH_M, _VIEW_M, _MARGIN_M = 20.0, 50.0, 10.0
 """Half the length of the judged ground, how far before and behind it scans are taken, and the lattice's rim [m]."""
 _FINEST_M, _RATIO = 5.0, 1.05
 """Smallest distance between swaths, and the factor between those that are tried."""
-_PADDING_CELLS = 8.0
+_PADDING_CELLS, _BYTES_PER_NODE = 8.0, 80.0
 _SEED = 61
 
 
@@ -194,6 +195,7 @@ class SpacingModel:
         half = np.array([_HALF_LENGTH_M + _VIEW_M, _widest_m(survey)]) + _MARGIN_M
         step_m = 0.5 * survey.node_step_m
         reach = step_m * np.ceil(np.abs(axes) @ half / step_m)
+        _require_memory(reach + (1.0 + _PADDING_CELLS) * prior.step_m, survey)
         patches = []
         for k, place in enumerate(spread_places(area, N_PATCHES)[:N_PATCHES]):
             grid = Grid((*(place - reach).tolist(), *(place + reach).tolist()), step_m, area.crs)
@@ -318,8 +320,18 @@ def paper_range_m(distance_m: FloatArray, squared_m2: FloatArray, wish_m: float)
 
 def _range_m(distance_m: FloatArray, squared_m2: FloatArray, wish_m: float) -> float:
     """Return the distance up to which the error is within the wish [m]."""
-    beyond = np.flatnonzero(squared_m2 > wish_m**2)
-    return float(distance_m[-1] if not len(beyond) else distance_m[max(beyond[0] - 1, 0)])
+    within = np.flatnonzero(np.cumsum(squared_m2 > wish_m**2) == 0)
+    return float(distance_m[within[-1]]) if len(within) else 0.0
+
+
+def _require_memory(half_m: FloatArray, survey: LidarSurvey) -> None:
+    """Refuse a lattice that is too fine for pieces of terrain with these half sides (2,) [m]."""
+    n_nodes = float(np.prod(4.0 * half_m / survey.node_step_m))
+    if _BYTES_PER_NODE * n_nodes > MEMORY_MB * 1e6:
+        raise CapacityError(
+            f"nodes {survey.node_step_m:g} m apart need terrain of {n_nodes:.3g} nodes for each of {N_PATCHES} predictions, which take more than "
+            f"{MEMORY_MB:g} MB; give the mission's map a larger step, or its LiDAR a shorter range."
+        )
 
 
 def _widest_m(survey: LidarSurvey) -> float:

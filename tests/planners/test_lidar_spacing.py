@@ -15,7 +15,7 @@ from planners.swaths.lidar_spacing import (
     widest_spacing,
 )
 from sim.instruments.lidar import HeightRaster
-from survey import Dem, Grid, InputError, SurveyArea
+from survey import CapacityError, Dem, Grid, InputError, SurveyArea
 from survey.core.streams import stream
 from survey.data.sensors.lidar import Scanner
 from survey.terrain import random_dem, satellite_copy
@@ -125,3 +125,17 @@ def test_metres_that_are_not_those_of_the_ground_are_refused(site):
     mercator = SurveyArea.rectangle((0.0, 8_399_000.0, 1000.0, 8_400_000.0), "EPSG:3857")
     with pytest.raises(InputError, match="plan in a UTM zone"):
         widest_spacing(mercator, prior, SURVEY, 0.1)
+
+
+def test_a_lattice_that_is_too_fine_is_refused_before_terrain_is_drawn():
+    prior = Dem.on(Grid((0.0, 0.0, 600.0, 600.0), 30.0, CRS), np.zeros((21, 21)))
+    area = SurveyArea.rectangle((100.0, 100.0, 500.0, 500.0), CRS)
+    with pytest.raises(CapacityError, match="give the mission's map a larger step"):
+        widest_spacing(area, prior, replace(SURVEY, node_step_m=0.05), 0.1)
+
+
+def test_a_swath_that_never_meets_the_error_reaches_nowhere():
+    distance_m, squared_m2 = np.array([0.5, 1.5, 2.5]), np.array([0.02, 0.01, 0.04])
+    assert lidar_spacing._range_m(distance_m, squared_m2, 0.1) == 0.0
+    assert lidar_spacing._range_m(distance_m, squared_m2, 0.15) == 1.5
+    assert lidar_spacing._range_m(distance_m, squared_m2, 1.0) == 2.5
