@@ -18,7 +18,7 @@ from survey.interchange.scans import read_sensor_scans
 from survey.io.column_names import parse_columns
 from survey.reconstruction.joint.drives import SeveralDrives
 from survey.reconstruction.observations import SoundPoints, sound_points
-from survey.reconstruction.terrain_map import ELEVATION
+from survey.reconstruction.terrain_map import ELEVATION, STRIP_NAMES
 from vision_slam.config import LocalizationConfig
 
 if TYPE_CHECKING:
@@ -109,9 +109,11 @@ def read_points(request: MapRequest) -> PointInputs:
 
 def _compared(points: survey.SurfacePoints, file: Path, request: MapRequest) -> "StripAdjustment | None":
     """Return what the overlaps of strips show; where they are to be adjusted, refuse points that do not name several."""
-    from survey.reconstruction.strip_adjustment import compare_strips  # loads compiled code
+    strips: StripAdjustment | None = None
+    if any(name in points.values for name in STRIP_NAMES):
+        from survey.reconstruction.strip_adjustment import compare_strips  # loads compiled code
 
-    strips: StripAdjustment | None = compare_strips(points)
+        strips = compare_strips(points)
     if strips is None and request.options.adjust_strips:
         raise InputError(
             f"{file} does not name several strips (a point source of LAS or LAZ, or whole numbers in a column strip); leave --adjust-strips out."

@@ -310,7 +310,7 @@ def paper_range_m(distance_m: FloatArray, squared_m2: FloatArray, wish_m: float)
     `distance_m`, `squared_m2` (K,): distances from the swath, evenly spaced, and mean squared errors there.
 
     >>> paper_range_m(np.arange(0.5, 40.0), np.full(40, 0.04), 0.1)
-    10.0
+    10.5
     """
     thresholds = np.arange(0.0, float(distance_m[-1]) + 0.5, 0.5)
     weight = 0.5 * (1.0 - erf((distance_m - thresholds[:, None]) / np.sqrt(2.0)))

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from survey.core import BoolArray, DataObject, FloatArray, InputError, IntArray
 from survey.data import Dem, SurfacePoints
 from survey.data.ground_filter import spacing_m
-from survey.reconstruction.terrain_map import ADJUSTMENT, Reconstruction
+from survey.reconstruction.terrain_map import ADJUSTMENT, STRIP_NAMES, Reconstruction
 from survey.reconstruction.tiled.cells import CELL
 from survey.reconstruction.tiled.layout import CellWindow
 from survey.reconstruction.tiled.strips import (
@@ -42,8 +42,6 @@ from survey.reconstruction.tiled.summaries import (
     usual_variance,
 )
 
-# Columns that hold the number of each point's strip; the point source of LAS is read as the first.
-_COLUMNS = ("strip", "point_source_id")
 # Side of a cell in mean distances of points, the least one [m], and the most cells of the raster of slopes.
 _CELL_SPACINGS, _LEAST_CELL_M, _MOST_CELLS = 1.5, 1.0, 20_000_000
 # Sizes of the strips' errors that are expected: those of maps in tiles.
@@ -306,7 +304,7 @@ def compare_strips(points: SurfacePoints) -> StripAdjustment | None:
 
 def _strips_of(points: SurfacePoints) -> IntArray | None:
     """Return the numbers of the points' strips (N,); None where they name none, one alone, or what is no number of a strip."""
-    named = next((points.values[name] for name in _COLUMNS if name in points.values), None)
+    named = next((points.values[name] for name in STRIP_NAMES if name in points.values), None)
     if named is None or not ((named == np.round(named)) & (named >= 0) & (named < _LARGEST_NUMBER)).all():
         return None
     return named.astype(np.int64) if 2 <= len(np.unique(named)) <= _MOST_STRIPS else None

@@ -55,6 +55,8 @@ METHOD_CHOICE = "method_choice"
 """Entry of the diagnostics: the method that was chosen, and why."""
 ADJUSTMENT = "strip_adjustment"
 """Entry of the diagnostics: what the overlaps of strips show, and whether the points are adjusted."""
+STRIP_NAMES = ("strip", "point_source_id")
+"""Values that hold the number of each point's strip; the point source of LAS is read as the first."""
 _SYMBOLS = {"c": "°C", "degC": "°C", "percent": "%"}
 _UDUNITS = {"°C": "degree_Celsius", "%": "percent"}
 SIGMAS_95 = 1.959964
