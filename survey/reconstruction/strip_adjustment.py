@@ -4,7 +4,7 @@ Points name their strip, such as the flight line of LAS (point source). Cells th
 their mean heights, brought to one place by the slope. Blocks of cells whose difference stands apart from the others, such as
 those of plants that one strip alone has seen, are left out. `compare_strips` estimates the errors of every strip from the rest
 by the least squares of maps in tiles (`survey.reconstruction.tiled.strips`): an offset, tilts where the overlaps show them, and
-a horizontal shift on slopes. Heights on ground as steep as the overlaps are stated, as uniform slopes hardly tell an offset from a
+a horizontal shift on slopes. Heights on ground as steep as the overlaps are stated, as uniform slopes do not separate an offset from a
 shift. Differences do not show the level of all strips together: heights count from the mean of the strips that overlap one another.
 """
 
