@@ -46,8 +46,9 @@ def parts_folder(name: str, *sources: str) -> Path:
 
 
 def simulated_folder(name: str) -> Path:
-    """Return the folder of drives and missions that benchmarks simulate once, another one for other code of the product."""
-    return Path(tempfile.gettempdir()) / f"firnline-{name}" / code_digest(_PRODUCT)
+    """Return the folder of drives and missions that benchmarks simulate once, another one for other code or example missions."""
+    missions = [str(file.relative_to(ROOT)) for file in sorted((ROOT / "examples").glob("*.toml"))]
+    return Path(tempfile.gettempdir()) / f"firnline-{name}" / code_digest((*_PRODUCT, *missions))
 
 
 def code_digest(sources: Sequence[str], without: Sequence[str] = ()) -> str:
