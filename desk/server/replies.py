@@ -1,7 +1,6 @@
 """Answers of the server: plain values as JSON, refusals as one sentence, files of the page and of reports."""
 
 import logging
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +8,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from desk.plan.history import OutdatedError
+from desk.server.gate import SlowRequestError
 from survey.core import CapacityError, ConfigError, FirnlineError, InputError, parse_json, printable
 
 _REPORT_POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'; sandbox"
 _REPORT_TYPES = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
-
-
-class SlowRequestError(FirnlineError):
-    """A request that does not arrive in time."""
 
 
 class BusyError(FirnlineError):
@@ -65,36 +61,3 @@ def report_file(folder: Path | None, name: str) -> Response:
         return PlainTextResponse("The report has no such file.", 404)
     headers = {"content-security-policy": _REPORT_POLICY}
     return Response(file.read_bytes(), media_type=_REPORT_TYPES[file.suffix], headers=headers)
-
-
-STATIC = Path(__file__).resolve().parents[1] / "static"
-_TYPES = {
-    ".html": "text/html; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".svg": "image/svg+xml",
-}
-
-
-@cache
-def asset_files() -> dict[str, Path]:
-    """Return the files that are served, by their address.
-
-    Returns: addresses such as ``js/main.js``.
-    """
-    files = (file for file in STATIC.rglob("*") if file.suffix in _TYPES)
-    return {file.relative_to(STATIC).as_posix(): file for file in files}
-
-
-def page(request: Request) -> Response:
-    """Answer with the page."""
-    del request
-    return Response((STATIC / "index.html").read_bytes(), media_type=_TYPES[".html"])
-
-
-def asset(request: Request) -> Response:
-    """Answer with a file of the page; no other name is looked for on the disk."""
-    file = asset_files().get(request.path_params["name"])
-    if file is None:
-        return PlainTextResponse("The page has no such file.", 404)
-    return Response(file.read_bytes(), media_type=_TYPES[file.suffix])

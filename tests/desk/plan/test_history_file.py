@@ -10,7 +10,8 @@ import pytest
 
 from desk.plan.document import PlanDocument
 from desk.plan.history import MOST_STEPS, OutdatedError
-from desk.plan.history_file import HeldError, StoredHistory, held, read_history
+from desk.plan.history_file import StoredHistory, read_history
+from desk.plan.lock import HeldError, held
 from survey.core.errors import ConfigError, InputError
 
 SQUARE = ((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (0.0, 90.0))
@@ -148,7 +149,7 @@ def test_a_plan_is_held_by_one_desk_which_the_next_one_finds(file):
 
 
 def test_a_killed_desk_holds_nothing(file):
-    hold = "from desk.plan.history_file import held; from pathlib import Path; import sys, time\n"
+    hold = "from desk.plan.lock import held; from pathlib import Path; import sys, time\n"
     hold += "with held(Path(sys.argv[1])) as publish:\n publish('there'); print('held', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", hold, str(file)], stdout=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"held\n"

@@ -3,7 +3,7 @@
 import anyio
 import pytest
 
-from desk.server.serve import LARGEST_BODY_BYTES
+from desk.server.gate import LARGEST_BODY_BYTES
 from tests.desk.conftest import HOST, ORIGIN
 
 READING = ("/", "/api/site", "/api/plan", "/static/js/main.js", "/tiles/relief/0/0/0.png")
@@ -123,7 +123,7 @@ def test_an_answer_with_a_policy_of_its_own_has_no_second_one(gate, page):
 
 
 def test_a_body_that_never_ends_is_given_up(page, monkeypatch):
-    monkeypatch.setattr("desk.server.serve.REQUEST_S", 0.2)
+    monkeypatch.setattr("desk.server.gate.REQUEST_S", 0.2)
 
     async def stuck():
         yield b"{"

@@ -107,7 +107,7 @@ def test_a_second_desk_of_the_plan_joins_the_first_one(running, tmp_path):
 
 
 def test_half_of_a_request_is_not_waited_for(server, monkeypatch):
-    monkeypatch.setattr("desk.server.serve.REQUEST_S", 0.3)
+    monkeypatch.setattr("desk.server.gate.REQUEST_S", 0.3)
     port = int(server.origin.rpartition(":")[2])
     for begun in (b"", b"GET / HT", b"GET / HTTP/1.1\r\nhost: 127.0.0.1"):
         with socket.create_connection(("127.0.0.1", port), timeout=10.0) as connection:
