@@ -7,12 +7,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from survey.core import FirnlineError, parse_json
+from survey.core.errors import FirnlineError
 from survey.core.files import write_refusal
+
+LOCK_SUFFIX = ".desk.lock"
 
 
 class HeldError(FirnlineError):
-    """A plan that another desk holds open; its argument is the address of that desk."""
+    """A plan that another desk holds open; its text is the address of that desk."""
+
+    def __init__(self, plan: Path, address: str) -> None:
+        super().__init__(address)
+        self.plan = plan
 
 
 @contextmanager
@@ -21,8 +27,8 @@ def held(plan: Path) -> Iterator[Callable[[str], None]]:
 
     The address stands in a file beside the plan that only its owner reads. A killed desk holds nothing.
     """
-    file = plan.with_name(plan.name.removesuffix(".json") + ".lock")
-    descriptor = _locked_file(file)
+    file = plan.with_name(plan.name.removesuffix(".desk.json") + LOCK_SUFFIX)
+    descriptor = _locked_file(file, plan)
 
     def publish(address: str) -> None:
         os.ftruncate(descriptor, 0)
@@ -35,7 +41,7 @@ def held(plan: Path) -> Iterator[Callable[[str], None]]:
         os.close(descriptor)
 
 
-def _locked_file(file: Path) -> int:
+def _locked_file(file: Path, plan: Path) -> int:
     """Create and lock a file; refuse one that another process holds."""
     while True:
         try:
@@ -44,8 +50,11 @@ def _locked_file(file: Path) -> int:
         except BlockingIOError as error:
             found = os.pread(descriptor, 10_000, 0)
             os.close(descriptor)
+            from survey.core.foreign import parse_json  # loads NumPy, which the first page does not wait for
+
             stated = parse_json(found, str(file)) if found else {}
-            raise HeldError(str(stated.get("address", "")) if isinstance(stated, dict) else "") from error
+            address = stated.get("address", "") if isinstance(stated, dict) else ""
+            raise HeldError(plan, str(address)) from error
         except OSError as error:
             raise write_refusal(file, error) from error
         with suppress(FileNotFoundError):

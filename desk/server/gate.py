@@ -4,6 +4,7 @@ import hmac
 import secrets
 from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
+from threading import Lock
 from urllib.parse import parse_qs
 
 from anyio import current_time, move_on_after
@@ -54,9 +55,9 @@ class Gate:
     that of the server, against DNS rebinding. The origin, where the browser states one, has to be that of the
     page, against requests of other pages; requests that change something have to state it.
 
-    `app`: what is behind the gate. `port`: port of the server on 127.0.0.1. `publish`: takes the address with the next
-    token each time that one is used up; without it there is one token only. `images_from`: origin of a map service, the
+    `app`: what is behind the gate. `port`: port of the server on 127.0.0.1. `images_from`: origin of a map service, the
     only other host that the page may ask for images; it learns the origin of the page, which tile servers want to know.
+    There is one token, until `publish_to` takes what publishes further ones.
 
     >>> gate = Gate(lambda *_: None, 8000)
     >>> gate.address.startswith("http://127.0.0.1:8000/?token=")
@@ -67,7 +68,6 @@ class Gate:
         self,
         app: ASGIApp,
         port: int,
-        publish: Callable[[str], None] | None = None,
         images_from: str = "",
     ) -> None:
         self._app = app
@@ -78,15 +78,17 @@ class Gate:
         self._host = f"127.0.0.1:{port}"
         self._origin = f"http://{self._host}"
         self._cookie = f"firnline_desk_{port}"
-        self._publish = publish
-        self._token: str | None = self._new_token()
+        self._publish: Callable[[str], None] | None = None
+        self._token: str | None = secrets.token_urlsafe(32)
+        self._changing = Lock()
         self._session = secrets.token_urlsafe(32)
 
-    def _new_token(self) -> str:
-        token = secrets.token_urlsafe(32)
-        if self._publish is not None:
-            self._publish(f"{self._origin}/?token={token}")
-        return token
+    def publish_to(self, publish: Callable[[str], None]) -> None:
+        """Publish the address with the next token, now and each time that one is used up."""
+        with self._changing:
+            self._publish = publish
+            self._token = self._token or secrets.token_urlsafe(32)
+            publish(self.address)
 
     @property
     def address(self) -> str:
@@ -131,7 +133,10 @@ class Gate:
             return None
         if self._token is None or not _equal(given[0], self._token):
             return None if self._has_session(scope) else _locked()
-        self._token = None if self._publish is None else self._new_token()
+        with self._changing:
+            self._token = None
+        if self._publish is not None:
+            self.publish_to(self._publish)
         answer = HTMLResponse(_WELCOME)
         answer.set_cookie(self._cookie, self._session, path="/", httponly=True, samesite="strict")
         return answer

@@ -1,28 +1,90 @@
-"""Start of the desk on a socket of 127.0.0.1."""
+"""Start of the desk on a socket of 127.0.0.1: the page is served at once, while the terrain and its plan are opened."""
 
 import logging
+import signal
 import socket
 import webbrowser
-from asyncio import TimerHandle
-from collections.abc import Callable
+from asyncio import TimerHandle, shield, wrap_future
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from threading import Thread
-from typing import Any
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 import uvicorn
-from starlette.types import ASGIApp
+from starlette.applications import Starlette
+from starlette.responses import JSONResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from desk.plan.lock import HeldError, held
+from desk.plan.lock import LOCK_SUFFIX, HeldError, held
+from desk.server import assets
 from desk.server import gate as gates
-from desk.server.app import desk_app
 from desk.server.gate import Gate
-from desk.terrain.background import open_background, stored_picture
-from desk.workspace import Workspace, open_workspace, write_demo
-from survey.core import InputError
+from survey.core import InputError, printable
+
+if TYPE_CHECKING:
+    from desk.workspace import Workspace
 
 _DEMO_FOLDER = Path("firnline-desk-demo")
+_PLANS = "*.desk.json"
+# Requests that a page is built with, the last of them, and the longest time to wait for it before the planners are loaded [s].
+_LAST_SHOWN = "/api/plan"
+_SHOWN_WITH, _SHOWN_S = ("/api/site", _LAST_SHOWN, "/tiles/"), 2.0
+# Longest time that a page which was opened already has to show why nothing can be opened [s].
+_LAST_WORD_S = 5.0
+
+
+class Opened(NamedTuple):
+    """What one desk serves: its workspace, the application over it, and what publishes the address to the next desk."""
+
+    workspace: "Workspace"
+    app: ASGIApp
+    publish: Callable[[str], None]
+
+    @property
+    def images_from(self) -> str:
+        """Origin of the map service that the page may ask for images; empty without one."""
+        shown = self.workspace.tiles.background
+        return shown.host if shown else ""
+
+
+class Opening:
+    """ASGI application of a desk that is being opened: each part of it answers as soon as it can.
+
+    The page and its files are served at once. What the page is built with waits for the workspace (`opened`), and all
+    else for the packages of the planners (`loaded`), which threads of several requests must not import at the same time.
+    A request that waits for a workspace which cannot be opened is refused with the reason.
+    """
+
+    def __init__(self) -> None:
+        self.opened: Future[Opened] = Future()
+        self.loaded: Future[None] = Future()
+        self.has_refused, self.has_shown = Event(), Event()
+        routes = [Route("/", assets.page), Route("/static/{name:path}", assets.asset)]
+        self._files = Starlette(routes=routes)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        path = scope.get("path", "/")
+        if scope["type"] != "http" or path == "/" or path.startswith("/static/"):
+            await self._files(scope, receive, send)
+            return
+        try:
+            app = (await shield(wrap_future(self.opened))).app
+        except Exception as error:  # whatever it is, the command ends with it
+            await JSONResponse({"error": printable(str(error))}, 422)(scope, receive, send)
+            self.has_refused.set()
+            return
+        if not path.startswith(_SHOWN_WITH):
+            await shield(wrap_future(self.loaded))
+        await app(scope, receive, send)
+        if path == _LAST_SHOWN:
+            self.has_shown.set()
 
 
 def serve(
@@ -37,35 +99,89 @@ def serve(
 
     `background`: picture of the ground or address of a map service; without one, the picture that was dropped before.
     """
-    with open_workspace(write_demo(_DEMO_FOLDER) if demo else source, Path.cwd()) as workspace:
-        dropped = stored_picture(workspace.folder / workspace.name)
-        named = background or (dropped and str(dropped))
-        if named:
-            tiles = workspace.tiles
-            tiles.background = open_background(named, workspace.crs, tiles.pyramid.bounds)
+    opens_surely = background is None and _opens_surely(_DEMO_FOLDER if demo else source, demo)
+    with ExitStack() as files:
+        open_source = partial(_open, files, source, demo, background)
         try:
-            with held(workspace.store.path) as publish:
-                _serve(workspace, port, publish, opens_browser=opens_browser)
+            _serve(open_source, port, opens_browser=opens_browser, opens_surely=opens_surely)
         except HeldError as other:
-            typer.echo(f"the plan {workspace.store.path} is open already; join it at  {other}")
+            typer.echo(f"the plan {other.plan} is open already; join it at  {other}")
             if opens_browser:
                 webbrowser.open(str(other))
 
 
-def _serve(workspace: Workspace, port: int, publish: Callable[[str], None], *, opens_browser: bool) -> None:
+def _opens_surely(source: Path | None, demo: bool) -> bool:
+    """Return whether a page may be shown before the source is opened: it exists, and no other desk holds a plan near it."""
+    folder = Path.cwd() if source is None else source if demo else source.parent
+    exists = any(folder.glob(_PLANS)) if source is None else demo or source.exists()
+    return exists and not any(any(place.glob(f"*{LOCK_SUFFIX}")) for place in (folder, Path.cwd()))
+
+
+def _open(files: ExitStack, source: Path | None, demo: bool, background: str | None) -> Opened:
+    """Open the workspace, its background and its lock; `files` closes them."""
+    from desk.server.app import desk_app
+    from desk.terrain.background import open_background, stored_picture
+    from desk.workspace import open_workspace, write_demo
+
+    workspace = files.enter_context(open_workspace(write_demo(_DEMO_FOLDER) if demo else source, Path.cwd()))
+    dropped = stored_picture(workspace.folder / workspace.name)
+    named = background or (dropped and str(dropped))
+    if named:
+        tiles = workspace.tiles
+        tiles.background = open_background(named, workspace.crs, tiles.pyramid.bounds)
+    publish = files.enter_context(held(workspace.store.path))
+    return Opened(workspace, desk_app(workspace), publish)
+
+
+def _serve(open_source: Callable[[], Opened], port: int, *, opens_browser: bool, opens_surely: bool) -> None:
+    """Serve until the server is interrupted; where the source opens surely, its page is served before."""
+    app, images_from = Opening(), ""
+    if not opens_surely:
+        app.opened.set_result(open_source())
+        images_from = app.opened.result().images_from
     listener = _listener(port)
-    shown = workspace.tiles.background
-    gate = Gate(desk_app(workspace), listener.getsockname()[1], publish, shown.host if shown else "")
+    gate = Gate(app, listener.getsockname()[1], images_from=images_from)
     typer.echo(f"firnline desk  {gate.address}")
-    typer.echo(f"plan           {workspace.store.path} (stored at every edit); Ctrl+C ends the desk")
-    if shown is not None and shown.host:
-        typer.echo(f"background     the page asks {shown.host} for images, and no other host")
-    if workspace.notice:
-        typer.echo(f"note           {workspace.notice}")
     if opens_browser:
         webbrowser.open(gate.address)
-    Thread(target=_load_planners, name="desk-loading", daemon=True).start()
-    uvicorn.Server(server_config(gate)).run(sockets=[listener])
+    with _running(uvicorn.Server(server_config(gate)), listener) as serving:
+        if opens_surely:
+            try:
+                app.opened.set_result(open_source())
+            except BaseException as error:
+                app.opened.set_exception(error)
+                app.has_refused.wait(_LAST_WORD_S if opens_browser else 0.0)
+                raise
+        opened = app.opened.result()
+        gate.publish_to(opened.publish)
+        _describe(opened)
+        app.has_shown.wait(_SHOWN_S)
+        Thread(target=_load_planners, args=(app.loaded,), name="desk-loading", daemon=True).start()
+        serving.join()
+
+
+@contextmanager
+def _running(server: uvicorn.Server, listener: socket.socket) -> Iterator[Thread]:
+    """Run a server in a thread until an interrupt; the main thread is left to GDAL, whose settings then hold in all threads."""
+    serving = Thread(target=server.run, kwargs={"sockets": [listener]}, name="desk-server")
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    serving.start()
+    try:
+        with suppress(KeyboardInterrupt):
+            yield serving
+    finally:
+        server.should_exit = True
+        serving.join()
+        signal.signal(signal.SIGTERM, before)
+
+
+def _describe(opened: Opened) -> None:
+    workspace = opened.workspace
+    typer.echo(f"plan           {workspace.store.path} (stored at every edit); Ctrl+C ends the desk")
+    if opened.images_from:
+        typer.echo(f"background     the page asks {opened.images_from} for images, and no other host")
+    if workspace.notice:
+        typer.echo(f"note           {workspace.notice}")
 
 
 def server_config(gate: ASGIApp) -> uvicorn.Config:
@@ -73,7 +189,8 @@ def server_config(gate: ASGIApp) -> uvicorn.Config:
     return uvicorn.Config(
         gate,
         http=PatientProtocol,
-        log_level=logging.WARNING,
+        ws="none",
+        log_level=logging.CRITICAL,  # faults are logged where they are answered; requests that an interrupt ends are none
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=2,
@@ -104,12 +221,16 @@ class PatientProtocol(H11Protocol):
             self._waiting = self.loop.call_later(gates.REQUEST_S, self.timeout_keep_alive_handler)
 
 
-def _load_planners() -> None:
-    """Import what the first plan needs, and load what it has compiled, while the page is opened."""
-    import desk.plan.request
-    import desk.plan.summary  # noqa: F401
-    from desk.plan.live import plan_once
-
+def _load_planners(loaded: "Future[None]") -> None:
+    """Import what requests need, say so, and load what the first plan has compiled."""
+    try:
+        import desk.measured
+        import desk.plan.request
+        import desk.plan.summary
+        import desk.runs  # noqa: F401
+        from desk.plan.live import plan_once
+    finally:
+        loaded.set_result(None)
     plan_once()
 
 

@@ -118,7 +118,7 @@ class DeskServer:
     def __init__(self, workspace: Workspace, images_from: str = "") -> None:
         listener = _listener(0)
         self.workspace = workspace
-        self.gate = Gate(desk_app(workspace), listener.getsockname()[1], None, images_from)
+        self.gate = Gate(desk_app(workspace), listener.getsockname()[1], images_from)
         self._server = uvicorn.Server(server_config(self.gate))
         self._thread = threading.Thread(target=lambda: self._server.run(sockets=[listener]), daemon=True)
         self._thread.start()

@@ -127,8 +127,9 @@ function expose(map, plan) {
 }
 
 async function begin() {
-  /** @type {Site} */
-  const site = await get("/api/site");
+  /** @type {[Site, any]} */
+  const [site, stored] = await Promise.all([get("/api/site"), get("/api/plan")]);
+  byId("hint").textContent = "";
   byId("name").textContent = site.name;
   byId("crs").textContent = `${site.crs.name} · ${site.terrain}`;
   document.title = `${site.name} · firnline desk`;
@@ -180,7 +181,7 @@ async function begin() {
   });
   const openFile = acceptFiles(map, plan, layers, (file) => measured.take("points", file), refuse, (extent) => zoomTo(map, extent));
   addMapButtons(openFile, drive);
-  await plan.load();
+  await plan.load(Promise.resolve(stored));
   offerDrawn(plan, site);
   fit();
   document.documentElement.dataset.ready = "yes";
@@ -224,6 +225,7 @@ function listen(plan, live, route, errors, layers) {
 }
 
 begin().catch((error) => {
+  byId("hint").textContent = "";
   refuse(error.message);
   byId("pages").append(element("p", { class: "note", text: "The desk could not be opened." }));
 });

@@ -16,7 +16,12 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
+from desk.server.app import desk_app
+from desk.server.gate import Gate
+from desk.server.serve import Opened, Opening
 from firnline.cli.main import app
+from survey.core import InputError
+from tests.desk.conftest import PORT, Page
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -79,6 +84,42 @@ def test_what_cannot_be_opened_is_refused_in_a_sentence(tmp_path, monkeypatch, a
     assert result.exit_code == code, result.output
     assert text in result.output
     assert "Traceback" not in result.output
+
+
+def test_the_page_is_served_before_the_terrain_is_open_and_the_rest_when_it_is(workspace):
+    opening = Opening()
+    page = Page(Gate(opening, PORT))
+    assert b"Opening the terrain" in page.get("/").content
+    assert page.get("/static/js/main.js").status_code == 200
+    with ThreadPoolExecutor(1) as other:
+        asked = other.submit(page.get, "/api/site")
+        time.sleep(0.1)
+        assert not asked.done()
+        opening.opened.set_result(Opened(workspace, desk_app(workspace), lambda _: None))
+        assert asked.result(10.0).json()["name"] == workspace.name
+        asked = other.submit(page.get, "/api/fields")
+        time.sleep(0.1)
+        assert not asked.done()
+        opening.loaded.set_result(None)
+        assert asked.result(30.0).status_code == 200
+
+
+def test_a_page_that_waits_is_shown_why_nothing_can_be_opened():
+    opening = Opening()
+    page = Page(Gate(opening, PORT))
+    opening.opened.set_exception(InputError("hills.tif is damaged; read it again."))
+    answer = page.get("/api/site")
+    assert (answer.status_code, answer.json()["error"]) == (422, "hills.tif is damaged; read it again.")
+    assert opening.has_refused.is_set()
+
+
+def test_the_address_of_the_next_window_is_published_from_the_first_visit_on():
+    gate, published = Gate(lambda *_: None, PORT), []
+    first = gate.address
+    gate.publish_to(published.append)
+    assert published == [first]
+    Page(gate)
+    assert published[-1] == gate.address != first
 
 
 def test_a_port_that_is_taken_is_refused(dem_file, tmp_path, monkeypatch):

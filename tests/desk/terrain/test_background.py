@@ -229,7 +229,7 @@ def test_a_raster_of_one_band_is_asked_about(page, dem_file):
 def test_the_policy_names_the_host_of_a_service_for_images_alone(workspace):
     plain = Page(Gate(desk_app(workspace), PORT)).get("/").headers["content-security-policy"]
     service = MapService.of(XYZ, UTM, BOUNDS)
-    named = Page(Gate(desk_app(workspace), PORT, None, service.host)).get("/").headers
+    named = Page(Gate(desk_app(workspace), PORT, service.host)).get("/").headers
     assert "//" not in plain
     assert named["content-security-policy"] == plain.replace("blob:;", "blob: https://tiles.example;")
     assert named["content-security-policy"].count("tiles.example") == 1

@@ -19,9 +19,9 @@ export class Plan extends EventTarget {
     this.last = Promise.resolve();
   }
 
-  /** Show what the server has stored. */
-  load() {
-    return this.#queue(async () => this.#take(await get("/api/plan")));
+  /** Show what the server has stored. @param {Promise<any>} [stored] Its answer, where it was asked before. */
+  load(stored) {
+    return this.#queue(async () => this.#take(await (stored ?? get("/api/plan"))));
   }
 
   /**
