@@ -20,6 +20,8 @@ from survey import Dem, InputError, SurveyArea
 from survey.core.arrays import Bounds
 
 _MOST = 24
+# Cells of the prior beyond an outline that slopes at its edge need; a provisional plan uses no others.
+_REACH_CELLS = 3.0
 Value = TypeVar("Value")
 
 
@@ -110,19 +112,31 @@ class LivePlanner:
         area = document.survey_area(self.crs)
         fitted = self._models.get(self._key(document, area))
         if fitted is not None:
-            return self._with(document, area, fitted, is_provisional=False)
-        return self._with(document, area, self._moved(area), is_provisional=True)
+            return self._with(document, area, fitted, self.prior(area), is_provisional=False)
+        prior = self._prior_at_hand(area)
+        return self._with(document, area, self._moved(area, prior), prior, is_provisional=True)
 
     def exact(self, document: PlanDocument) -> LivePlan:
         """Plan with the covariance of the document's outline, as ``firnline plan`` does; see `quick`."""
         area = document.survey_area(self.crs)
         key = self._key(document, area)
         fitted = self._models.computed(key, lambda: self._fitted(area, self._request(document).assumptions))
-        return self._with(document, area, fitted, is_provisional=False)
+        return self._with(document, area, fitted, self.prior(area), is_provisional=False)
 
     def prior(self, area: SurveyArea) -> Dem:
         """Return the prior elevations about an area."""
         return self._priors.computed(area.bounds, lambda: self._read(area.bounds, area.crs))
+
+    def _prior_at_hand(self, area: SurveyArea) -> Dem:
+        """Return the elevations of the outline before where they reach about this one: a corner that is moved reads none."""
+        latest = self._priors.latest()
+        if latest is not None:
+            west, south, east, north = area.bounds
+            low_x, low_y, high_x, high_y = latest.bounds
+            reach_m = _REACH_CELLS * latest.step_m
+            if min(west - low_x, south - low_y, high_x - east, high_y - north) >= reach_m:
+                return latest
+        return self.prior(area)
 
     def _read(self, bounds: Bounds, crs: CRS) -> Dem:
         return read_about(self.terrain, bounds, crs, "the prior")
@@ -140,29 +154,31 @@ class LivePlanner:
         except InputError as error:
             return Fitted(None, str(error))
 
-    def _moved(self, area: SurveyArea) -> Fitted:
+    def _moved(self, area: SurveyArea, prior: Dem) -> Fitted:
         """Return the predictor of the outline before, for another outline."""
         latest = self._models.latest()
         if latest is None or latest.model is None:
             return Fitted(None, "")
-        return Fitted(latest.model.over(area, self.prior(area)), "")
+        return Fitted(latest.model.over(area, prior), "")
 
     def _with(
-        self, document: PlanDocument, area: SurveyArea, fitted: Fitted, *, is_provisional: bool
+        self, document: PlanDocument, area: SurveyArea, fitted: Fitted, prior: Dem, *, is_provisional: bool
     ) -> LivePlan:
         posterior = None if fitted.model is None else fitted.model.posterior
         key = (
             document.model_dump_json(exclude={"requirement", "notes"}),
             self._request(document).assumptions,
             posterior,
+            prior.bounds,
         )
-        plan = self._plans.computed(key, lambda: self._planned(document, area, fitted.model))
+        plan = self._plans.computed(key, lambda: self._planned(document, area, prior, fitted.model))
         return LivePlan(plan, is_provisional, fitted.refusal)
 
-    def _planned(self, document: PlanDocument, area: SurveyArea, model: ErrorModel | None) -> AreaPlan:
+    def _planned(
+        self, document: PlanDocument, area: SurveyArea, prior: Dem, model: ErrorModel | None
+    ) -> AreaPlan:
         config: Any = checked_options(self._request(document))
         homes_of(area, Crew(config.rover, config.fleet))
-        prior = self.prior(area)
         with self._planning:
             return area_plan(config, area, prior, model)
 

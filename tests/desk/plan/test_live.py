@@ -80,3 +80,22 @@ def test_the_coarse_error_map_is_near_the_fine_one(workspace):
     coarse, fine = error_layer(plan, "coarse"), error_layer(plan, "fine")
     assert coarse["rmse_m"] == pytest.approx(fine["rmse_m"], rel=0.1)
     assert coarse["worst_m"] == pytest.approx(fine["worst_m"], rel=0.25)
+
+
+def test_a_moved_corner_is_planned_with_the_elevations_at_hand_and_then_with_its_own(workspace):
+    planner = workspace.planner
+    low, high = (WEST + 350.0, SOUTH + 350.0), (WEST + 550.0, SOUTH + 550.0)
+    square = (low, (high[0], low[1]), high, (low[0], high[1]))
+    document = workspace.store.document.model_copy(update={"areas": ((square,),)})
+    planner.exact(document)
+    before = planner.prior(document.survey_area(workspace.crs))
+    for metres, reaches in ((45.0, True), (135.0, False)):
+        corner = (high[0] + metres, high[1])
+        changed = document.model_copy(update={"areas": (((square[0], square[1], corner, square[3]),),)})
+        quick = planner.quick(changed)
+        assert (quick.plan.prior is before) == reaches
+        own = planner.prior(changed.survey_area(workspace.crs))
+        assert own.bounds != before.bounds
+        assert planner.exact(changed).plan.prior.bounds == own.bounds
+        planner.prior(document.survey_area(workspace.crs))
+        planner.exact(document)
