@@ -67,6 +67,10 @@ docs: $(VENV)/.docs
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 	$(BIN)/python -m docs.check_links docs/_build/html
 
+# pip compiles with one core; some files of packages are templates that do not compile.
+install = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable
+compile = $(BIN)/python -W ignore -m compileall -q -j 0 $(VENV)/lib > /dev/null || true
+
 # Rebuilt when the requirements change; an incomplete one has no .ready or .demo and is rebuilt.
 $(VENV)/.demo: PACKAGES := .
 $(VENV)/.ready: PACKAGES := .[dev]
@@ -74,9 +78,11 @@ $(VENV)/.demo $(VENV)/.ready: pyproject.toml constraints.txt
 	@echo "Installing packages into $(VENV), once: one to three minutes."
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("firnline needs Python 3.11 or newer; set PYTHON=...")'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '$(PACKAGES)'
+	$(install) '$(PACKAGES)'
+	$(compile)
 	touch $@
 
 $(VENV)/.docs: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'
+	$(install) '.[dev,docs]'
+	$(compile)
 	touch $@
