@@ -25,13 +25,13 @@ def asset_files() -> dict[str, Path]:
     return {file.relative_to(STATIC).as_posix(): file for file in files}
 
 
-def page(request: Request) -> Response:
+async def page(request: Request) -> Response:
     """Answer with the page."""
     del request
     return Response((STATIC / "index.html").read_bytes(), media_type=_TYPES[".html"])
 
 
-def asset(request: Request) -> Response:
+async def asset(request: Request) -> Response:
     """Answer with a file of the page; no other name is looked for on the disk."""
     file = asset_files().get(request.path_params["name"])
     if file is None:
