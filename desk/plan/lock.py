@@ -14,11 +14,11 @@ LOCK_SUFFIX = ".desk.lock"
 
 
 class HeldError(FirnlineError):
-    """A plan that another desk holds open; its text is the address of that desk."""
+    """A plan that another desk holds open, at an address."""
 
     def __init__(self, plan: Path, address: str) -> None:
-        super().__init__(address)
-        self.plan = plan
+        super().__init__(f"the plan {plan} is open already; join it at  {address}")
+        self.address = address
 
 
 @contextmanager

@@ -105,9 +105,9 @@ def serve(
         try:
             _serve(open_source, port, opens_browser=opens_browser, opens_surely=opens_surely)
         except HeldError as other:
-            typer.echo(f"the plan {other.plan} is open already; join it at  {other}")
+            typer.echo(str(other))
             if opens_browser:
-                webbrowser.open(str(other))
+                webbrowser.open(other.address)
 
 
 def _opens_surely(source: Path | None, demo: bool) -> bool:

@@ -133,7 +133,8 @@ def test_a_port_that_is_taken_is_refused(dem_file, tmp_path, monkeypatch):
 
 
 def test_a_second_desk_of_the_plan_joins_the_first_one(running, tmp_path):
-    _, first = running
+    process, first = running
+    assert process.stdout.readline().startswith("plan ")  # it holds the plan now
     command = [sys.executable, "-m", "firnline", "desk", "hills.tif", "--no-browser"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     for _ in range(2):
