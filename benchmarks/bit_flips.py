@@ -96,7 +96,7 @@ def _of_a_study(folder: Path) -> Iterator[Reading]:
     cache = folder / "cache"
     cache.mkdir()
     shutil.copy(place / "summary.csv", cache)
-    record(cache, quick=True)
+    record(cache, quick=True, facts={}, old={})
     for file in sorted(cache.iterdir()):
         # A study that does not count as complete is made again: that is the refusal.
         yield Reading("study: cache", file, lambda: is_complete(cache, quick=True) or _refuse())
