@@ -148,7 +148,7 @@ def _serve(open_source: Callable[[], Opened], port: int, *, opens_browser: bool,
         if opens_surely:
             try:
                 app.opened.set_result(open_source())
-            except BaseException as error:
+            except Exception as error:
                 app.opened.set_exception(error)
                 app.has_refused.wait(_LAST_WORD_S if opens_browser else 0.0)
                 raise
