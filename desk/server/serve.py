@@ -1,4 +1,4 @@
-"""Start of the desk on a socket of 127.0.0.1: the page is served at once, while the terrain and its plan are opened."""
+"""Server of the desk on a socket of 127.0.0.1: the page is served at once, while the terrain and its plan are opened."""
 
 import logging
 import signal
@@ -8,7 +8,7 @@ from asyncio import TimerHandle, shield, wrap_future
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 import uvicorn
 from starlette.applications import Starlette
-from starlette.responses import JSONResponse
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from desk.plan.lock import LOCK_SUFFIX, HeldError, held
-from desk.server import assets
 from desk.server import gate as gates
 from desk.server.gate import Gate
-from survey.core import InputError, printable
+from survey.core import FirnlineError, InputError, printable
 
 if TYPE_CHECKING:
     from desk.workspace import Workspace
@@ -37,6 +37,90 @@ _LAST_SHOWN = "/api/plan"
 _SHOWN_WITH, _SHOWN_S = ("/api/site", _LAST_SHOWN, "/tiles/"), 2.0
 # Longest time that a page which was opened already has to show why nothing can be opened [s].
 _LAST_WORD_S = 5.0
+
+
+STATIC = Path(__file__).resolve().parents[1] / "static"
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+@cache
+def asset_files() -> dict[str, Path]:
+    """Return the files that are served, by their address.
+
+    Returns: addresses such as ``js/main.js``.
+    """
+    files = (file for file in STATIC.rglob("*") if file.suffix in _TYPES)
+    return {file.relative_to(STATIC).as_posix(): file for file in files}
+
+
+async def page(request: Request) -> Response:
+    """Answer with the page."""
+    del request
+    return Response((STATIC / "index.html").read_bytes(), media_type=_TYPES[".html"])
+
+
+async def asset(request: Request) -> Response:
+    """Answer with a file of the page; no other name is looked for on the disk."""
+    file = asset_files().get(request.path_params["name"])
+    if file is None:
+        return PlainTextResponse("The page has no such file.", 404)
+    return Response(file.read_bytes(), media_type=_TYPES[file.suffix])
+
+
+_FILES = (Route("/", page), Route("/static/{name:path}", asset))
+
+
+def desk_app(workspace: "Workspace") -> Starlette:
+    """Return the application over a workspace, without the gate that keeps others out; its imports take half a second."""
+    from desk.server import job_routes as jobs
+    from desk.server import map_routes as maps
+    from desk.server import plan_routes as plan
+    from desk.server.replies import left, refused
+
+    routes = [
+        *_FILES,
+        Route("/api/site", maps.site),
+        Route("/api/fields", maps.fields),
+        Route("/api/style", maps.style),
+        Route("/api/contours", maps.contours),
+        Route("/api/heights", maps.heights, methods=["POST"]),
+        Route("/tiles/{layer}/{zoom:int}/{column:int}/{row:int}.png", maps.tile),
+        Route("/api/plan", plan.state),
+        Route("/api/edit", plan.edit, methods=["POST"]),
+        Route("/api/undo", plan.undo, methods=["POST"]),
+        Route("/api/redo", plan.redo, methods=["POST"]),
+        Route("/api/route", plan.route),
+        Route("/api/error", plan.error),
+        Route("/api/drive", plan.drive),
+        Route("/api/export/{kind}", plan.export),
+        Route("/api/background", maps.background, methods=["POST"]),
+        Route("/api/dropped", plan.dropped_file, methods=["POST"]),
+        Route("/api/variants", plan.table),
+        Route("/api/variants", plan.add, methods=["POST"]),
+        Route("/api/variants/{index:int}", plan.remove, methods=["DELETE"]),
+        Route("/api/variants/{index:int}/beside", plan.beside),
+        Route("/api/jobs", jobs.start, methods=["POST"]),
+        Route("/api/jobs/{job}", jobs.cancel, methods=["DELETE"]),
+        Route("/api/jobs/{job}/events", jobs.events),
+        Route("/api/jobs/{job}/report/{name}", jobs.report),
+        Route("/api/jobs/{job}/frame", jobs.frame),
+        Route("/api/runs", maps.run_table),
+        Route("/api/runs/{run}/minus/{other}", maps.run_difference),
+        Route("/api/runs/{run}/layers/{layer}", maps.run_layer_of),
+        Route("/api/runs/{run}/report/{name}", maps.run_report),
+        Route("/api/measured", jobs.show),
+        Route("/api/measured/{role}", jobs.take, methods=["POST"]),
+        Route("/api/checkpoints", jobs.checkpoints, methods=["POST"]),
+    ]
+    handlers = {FirnlineError: refused, ClientDisconnect: left, Exception: refused}
+    app = Starlette(routes=routes, exception_handlers=handlers)
+    app.state.workspace = workspace
+    return app
 
 
 class Opened(NamedTuple):
@@ -65,8 +149,7 @@ class Opening:
         self.opened: Future[Opened] = Future()
         self.loaded: Future[None] = Future()
         self.has_refused, self.has_shown = Event(), Event()
-        routes = [Route("/", assets.page), Route("/static/{name:path}", assets.asset)]
-        self._files = Starlette(routes=routes)
+        self._files = Starlette(routes=list(_FILES))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -119,7 +202,6 @@ def _opens_surely(source: Path | None, demo: bool) -> bool:
 
 def _open(files: ExitStack, source: Path | None, demo: bool, background: str | None) -> Opened:
     """Open the workspace, its background and its lock; `files` closes them."""
-    from desk.server.app import desk_app
     from desk.terrain.background import open_background, stored_picture
     from desk.workspace import open_workspace, write_demo
 

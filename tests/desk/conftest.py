@@ -12,9 +12,8 @@ import pytest
 import uvicorn
 
 from desk.plan.document import PlanDocument
-from desk.server.app import desk_app
 from desk.server.gate import Gate
-from desk.server.serve import _listener, server_config
+from desk.server.serve import _listener, desk_app, server_config
 from desk.workspace import Workspace
 from survey.data.dem import Dem
 from survey.data.grid import Grid

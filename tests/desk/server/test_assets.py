@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from desk.server.assets import STATIC, asset_files
+from desk.server.serve import STATIC, asset_files
 
 
 def test_the_vendored_library_is_unchanged():

@@ -16,9 +16,8 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
-from desk.server.app import desk_app
 from desk.server.gate import Gate
-from desk.server.serve import Opened, Opening
+from desk.server.serve import Opened, Opening, desk_app
 from firnline.cli.main import app
 from survey.core import InputError
 from tests.desk.conftest import PORT, Page

@@ -10,8 +10,8 @@ from PIL import Image
 from pyproj import CRS, Transformer
 from rasterio.transform import from_origin
 
-from desk.server.app import desk_app
 from desk.server.gate import Gate
+from desk.server.serve import desk_app
 from desk.terrain.background import (
     GroundPicture,
     MapService,
