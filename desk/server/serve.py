@@ -246,7 +246,12 @@ def _serve(open_source: Callable[[], Opened], port: int, *, opens_browser: bool,
 def _running(server: uvicorn.Server, listener: socket.socket) -> Iterator[Thread]:
     """Run a server in a thread until an interrupt; the main thread is left to GDAL, whose settings then hold in all threads."""
     serving = Thread(target=server.run, kwargs={"sockets": [listener]}, name="desk-server")
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+    def stop(*_: object) -> None:
+        server.should_exit = True  # a callback that is interrupted may swallow the exception
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     serving.start()
     try:
         with suppress(KeyboardInterrupt):
@@ -254,7 +259,8 @@ def _running(server: uvicorn.Server, listener: socket.socket) -> Iterator[Thread
     finally:
         server.should_exit = True
         serving.join()
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _describe(opened: Opened) -> None:

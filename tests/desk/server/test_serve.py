@@ -52,6 +52,14 @@ def test_a_real_server_answers_a_hundred_requests_at_once_and_ends_on_interrupt(
     assert process.wait(20.0) in (0, 130)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_the_terrain_is_opened_ends_the_desk(running, number, tmp_path):
+    process, _ = running
+    process.send_signal(number)
+    assert process.wait(20.0) in (0, 130)
+    assert not list(tmp_path.glob("*.lock"))
+
+
 def test_a_real_server_is_not_reached_from_elsewhere(running):
     _, address = running
     port = int(re.search(r":(\d+)/", address)[1])
