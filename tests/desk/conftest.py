@@ -13,7 +13,7 @@ import uvicorn
 
 from desk.plan.document import PlanDocument
 from desk.server.gate import Gate
-from desk.server.serve import _listener, desk_app, server_config
+from desk.server.serve import Opened, Opening, _listener, _load_planners, desk_app, server_config
 from desk.workspace import Workspace
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -117,7 +117,10 @@ class DeskServer:
     def __init__(self, workspace: Workspace, images_from: str = "") -> None:
         listener = _listener(0)
         self.workspace = workspace
-        self.gate = Gate(desk_app(workspace), listener.getsockname()[1], images_from)
+        opening = Opening()
+        opening.opened.set_result(Opened(workspace, desk_app(workspace), lambda _: None))
+        _load_planners(opening.loaded)
+        self.gate = Gate(opening, listener.getsockname()[1], images_from)
         self._server = uvicorn.Server(server_config(self.gate))
         self._thread = threading.Thread(target=lambda: self._server.run(sockets=[listener]), daemon=True)
         self._thread.start()
