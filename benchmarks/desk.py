@@ -1,6 +1,7 @@
 """How fast the planning desk follows: ``python -m benchmarks.desk``. Needs Chromium and playwright.
 
-Limits are for CPU seconds, which a loaded machine does not change: of server and page until the page is ready, of the computation from an edit to its route and errors, of the page for each frame of a pan.
+Limits are for CPU seconds, which a loaded machine does not change: of server and page until the page is ready, of the
+computation from an edit to its route and errors, of the page for each frame of a pan.
 On an idle machine they are the times that a user waits. Wall times and the load of the machine stand beside them for
 information. The site of the edits is that of ``firnline desk --demo``, 1 km² with 8 swaths; the large terrain is drawn
 with seed 1. Nothing was tuned on them. `desk_crowd` lets two desks write one plan, and many windows ask one desk; `desk_seen`
