@@ -72,17 +72,20 @@ class PriorCells:
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the cells' errors (C, C) [m²]."""
-        shared = 1.0 + np.exp(-cdist(self.centre, self.centre) / _CORRELATION_M)
-        covariance: FloatArray = self.sigma_m**2 * (shared + np.eye(len(self)))
+        covariance: FloatArray = self.sigma_m**2 * self._covariance_of_unit
+        return covariance
+
+    @cached_property
+    def _covariance_of_unit(self) -> FloatArray:
+        """Covariance (C, C) of the cells' errors if each of the three had a standard deviation of 1."""
+        covariance: FloatArray = 1.0 + np.exp(-cdist(self.centre, self.centre) / _CORRELATION_M) + np.eye(len(self))
         return covariance
 
     @cached_property
     def level_m(self) -> float:
         """Standard deviation of the level of a map that the cells alone hold: that of their best mean error [m]."""
-        if self.sigma_m == 0.0:
-            return 0.0
         some = self.spread(_MOST_FOR_LEVEL)
-        return float(1.0 / np.sqrt(np.linalg.solve(some.covariance, np.ones(len(some))).sum()))
+        return float(self.sigma_m / np.sqrt(np.linalg.solve(some._covariance_of_unit, np.ones(len(some))).sum()))
 
     def __len__(self) -> int:
         return len(self.centre)

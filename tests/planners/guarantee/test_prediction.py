@@ -102,6 +102,9 @@ def test_the_level_of_a_map_by_the_prior_alone_is_that_of_the_mean_error_of_its_
     assert 0.5 < cells.level_m <= np.sqrt(weights @ cells.covariance @ weights)
     assert replace(cells, centre=cells.centre[:1]).level_m == pytest.approx(0.5 * np.sqrt(3.0))
     assert cells_of(5.0, 0.5).level_m == pytest.approx(cells.level_m, rel=0.05)
+    # No error of a prior is too small to have a level: its square, 0 in double precision, is not needed.
+    assert replace(cells, sigma_m=1e-300).level_m == pytest.approx(2e-300 * cells.level_m, rel=1e-12)
+    assert replace(cells, sigma_m=0.0).level_m == 0.0
     assert cells_of(50.0, 0.0).level_m == 0.0
 
 
