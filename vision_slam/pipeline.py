@@ -23,6 +23,11 @@ from vision_slam.fusion.online import adjusted_covariance, predicted_covariance
 from vision_slam.fusion.smoother import SmoothedPath, ground_of_path, place_landmarks, smooth
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.wheel_odometry import wheel_odometry
+from vision_slam.photographs.localization import (
+    are_far_apart,
+    localize_photographs,
+    photographs_without_fixes,
+)
 from vision_slam.readers.sequence import ImageSequence, MotionRecords
 
 _UNIT_SCALE_SIGMA = 1e-6
@@ -97,6 +102,10 @@ def localize(
     if visual is None and recording.odometry is None:
         if recording.frames is not None:
             visual = process_images(recording, visual_config, progress)
+            if motion is None and are_far_apart(recording, visual):
+                found = localize_photographs(recording, settings, visual, progress)
+                if found is not None:
+                    return found
         elif recording.wheels is not None:
             visual = wheel_odometry(recording, recording.gps)
     if motion is not None:
@@ -183,6 +192,10 @@ def localize_images(
     if images.frames is None:
         return _localize_wheels(images, config or LocalizationConfig())
     visual = process_images(images, visual_config, progress)
+    if are_far_apart(images, visual):
+        placed = photographs_without_fixes(images, visual, progress)
+        if placed is not None:
+            return placed
     has_wheels = images.wheels is not None and not visual.ignores_wheels
     check_images(visual, has_wheels=has_wheels)
     settings = config or LocalizationConfig()
