@@ -5,6 +5,7 @@
 | my-images, phone.nmea | images with times and camera.toml; a fix every second |
 | video-frames, fixes.csv | the same images without times, 4 a second; fixes with German names of columns |
 | phone-photos | the same as JPEG, with times, focal length and positions in EXIF |
+| drone-photos | ten photographs from a drone, with the same in EXIF |
 | KITTI_sequence_1 | the same in KITTI's layout, with poses |
 | drive.bag | the same with the fixes as a ROS 1 bag |
 | board-photos, charuco-photos | images of two calibration boards |
@@ -16,12 +17,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 from PIL import Image as Picture
+from pyproj import Transformer
 
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
 from survey.data.frames import Image
 from tests.vision_slam import rendered
 from tests.vision_slam.conftest import PlaneWorld, mounted
+from tests.vision_slam.photographed_ground import LENS, flight, photograph, texture, with_distortion
 from tests.vision_slam.readers.test_bags import first_bag
 from tests.vision_slam.readers.test_photo_folder import exif_of, position
 
@@ -117,6 +120,20 @@ def _write_photos(folder: Path) -> None:
         Picture.fromarray(image).save(folder / "phone-photos" / f"IMG_{k:04d}.jpg", exif=header, quality=95)
 
 
+def _write_drone_photos(folder: Path) -> None:
+    """Write photographs from a drone, four seconds and nine metres apart, with times, focal length and positions in EXIF."""
+    (folder / "drone-photos").mkdir()
+    ground, lens = texture(1), with_distortion(LENS, -0.05)
+    to_degrees = Transformer.from_crs("EPSG:32608", "EPSG:4326", always_xy=True)
+    for k, pose in enumerate(flight(2, 2, 5, 9.0, 26.0, 80.0)):
+        east, north, up = pose[:3, 3] + [5e5, 6.7e6, HEIGHT_M]
+        longitude, latitude = to_degrees.transform(east, north)
+        header = exif_of(4 * k, gps=position(latitude, longitude, up, 1.0))
+        header.get_ifd(0x8769)[41989] = 32  # 320 pixels of 360 columns on film of 36 mm
+        picture = Picture.fromarray(photograph(pose, lens, ground))
+        picture.save(folder / "drone-photos" / f"DJI_{k + 1:04d}.JPG", exif=header, quality=95)
+
+
 def _write_kitti(folder: Path) -> None:
     folder = folder / "KITTI_sequence_1"
     _pictures(folder / "image_0", "{:06d}.png")
@@ -142,6 +159,7 @@ WRITERS = {
     "my-images": _write_images,
     "video-frames": _write_video,
     "phone-photos": _write_photos,
+    "drone-photos": _write_drone_photos,
     "KITTI_sequence_1": _write_kitti,
     "drive.bag": _write_bag,
     "board-photos": lambda folder: rendered.chessboard_images(folder / "board-photos"),
