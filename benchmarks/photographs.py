@@ -33,7 +33,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import Localization
 from vision_slam.photographs.georeference import georeferenced
 from vision_slam.photographs.matches import tracks_of
-from vision_slam.photographs.structure import Structure, reconstruct_cameras
+from vision_slam.photographs.structure import PlacedCameras, reconstruct_cameras
 
 _CRS, _ORIGIN = "EPSG:32608", np.array([5e5, 6.7e6, 300.0])
 _SEEDS, _N_RECEIVERS = (31, 32, 33), 8
@@ -176,7 +176,7 @@ def _street(name: str, folder: Path) -> Iterator[Row]:
 
 
 def _withheld(
-    title: str, structure: Structure, frames: Frames, camera: Camera, cameras: FloatArray
+    title: str, structure: PlacedCameras, frames: Frames, camera: Camera, cameras: FloatArray
 ) -> Iterator[Row]:
     """Yield the errors at every other photograph, of which no fix is given."""
     is_given = np.arange(len(frames)) % 2 == 0

@@ -25,7 +25,7 @@ from survey.data.path_error import POSE, PathError
 from survey.data.sensors.records import GpsFixes
 from vision_slam.config import UNKNOWN_MEMORY_S, LocalizationConfig
 from vision_slam.drive_estimate import Localization, fix_errors
-from vision_slam.photographs.structure import Structure
+from vision_slam.photographs.structure import PlacedCameras
 
 _NEAR_S = 2.0  # between a photograph and the fix that is taken for it
 _LEAST_FIXES = 4
@@ -83,7 +83,7 @@ class Placed:
     coefficients.
     """
 
-    structure: Structure
+    structure: PlacedCameras
     scale: float
     turn: FloatArray
     shift: FloatArray
@@ -180,7 +180,9 @@ class Placed:
         return found
 
 
-def similarity(structure: Structure, mount: FloatArray, lever_m: FloatArray, fixes: PlacedFixes) -> Placed:
+def similarity(
+    structure: PlacedCameras, mount: FloatArray, lever_m: FloatArray, fixes: PlacedFixes
+) -> Placed:
     """Fit scale, turn and shift to fixes of the bodies, of which some may be wrong, and to upright photographs."""
     eyes, turns = structure.poses[:, :3, 3], structure.poses[:, :3, :3]
     scale_0 = _spread(fixes.position) / max(_spread(eyes[fixes.photo]), 1e-12)
@@ -224,7 +226,7 @@ def _spread(places: FloatArray) -> float:
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def georeferenced(structure: Structure, recording: Recording, config: LocalizationConfig) -> Localization:
+def georeferenced(structure: PlacedCameras, recording: Recording, config: LocalizationConfig) -> Localization:
     """Return path and landmarks of photographs in the CRS of the recording.
 
     Raises
@@ -326,7 +328,7 @@ def _in_axes(turns: FloatArray, heading_rad: FloatArray) -> FloatArray:
     return np.asarray(axes @ turns, dtype=np.float64)
 
 
-def ray_information(structure: Structure, rays: FloatArray) -> FloatArray:
+def ray_information(structure: PlacedCameras, rays: FloatArray) -> FloatArray:
     """Return the information (N, 3, 3) of one view each about points at the ends of rays (N, 3), in the inverse unit of these squared."""
     distance = np.linalg.norm(rays, axis=1)
     ray = rays / distance[:, None]

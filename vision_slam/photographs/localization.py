@@ -12,7 +12,7 @@ from vision_slam.drive_estimate import DriveEstimate, Localization
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.photographs.georeference import georeferenced, ray_information
 from vision_slam.photographs.matches import tracks_of
-from vision_slam.photographs.structure import Structure, reconstruct_cameras
+from vision_slam.photographs.structure import PlacedCameras, reconstruct_cameras
 from vision_slam.readers.sequence import VisionRecords
 
 _FOLLOWED = 0.5  # share of the images followed from the one before, below which features are matched instead
@@ -88,7 +88,7 @@ def photographs_without_fixes(
 
 def _structure(
     records: VisionRecords, place: FloatArray | None, visual: VisualOdometry, progress: Progress | None
-) -> Structure | None:
+) -> PlacedCameras | None:
     """Place photographs by their features; None where fewer can be placed than were followed."""
     assert records.frames is not None
     assert records.camera is not None
@@ -98,7 +98,7 @@ def _structure(
     return structure
 
 
-def _notes(structure: Structure, records: VisionRecords) -> tuple[str, ...]:
+def _notes(structure: PlacedCameras, records: VisionRecords) -> tuple[str, ...]:
     """Return what was done, which photographs were left out, and what lens was found."""
     assert records.frames is not None
     assert records.camera is not None

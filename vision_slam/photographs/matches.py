@@ -1,4 +1,4 @@
-"""Features of photographs that overlap, matched over all of them.
+"""ImageFeatures of photographs that overlap, matched over all of them.
 
 `tracks_of` detects scale-invariant features (SIFT, Lowe 2004) on images whose contrast is equalized (CLAHE), matches them in
 pairs, keeps the matches that one epipolar geometry explains, and joins them to tracks.
@@ -29,14 +29,14 @@ _ALL_PAIRS = 60  # photographs of which all pairs are matched
 _N_NEAREST, _N_NEXT = 15, 6  # photographs that each is matched with otherwise, by place and by time
 
 
-class Features(NamedTuple):
-    """Features of an image: pixels (N, 2), and descriptors (N, 128) of unit length."""
+class ImageFeatures(NamedTuple):
+    """ImageFeatures of an image: pixels (N, 2), and descriptors (N, 128) of unit length."""
 
     pixel: FloatArray
     descriptor: "np.ndarray[tuple[int, ...], np.dtype[np.float32]]"
 
 
-class Pair(NamedTuple):
+class MatchedPair(NamedTuple):
     """Two photographs and the features (M, 2) of the first and the second that match."""
 
     first: int
@@ -47,12 +47,12 @@ class Pair(NamedTuple):
 class Matches(NamedTuple):
     """Matched pairs, pixels (N, 2) of all features by photograph, and the tracks over all photographs."""
 
-    pairs: tuple[Pair, ...]
+    pairs: tuple[MatchedPair, ...]
     pixels: tuple[FloatArray, ...]
     tracks: TrackPixels
 
 
-def detect(image: Image) -> Features:
+def detect_features(image: Image) -> ImageFeatures:
     """Detect features; their descriptors are square roots of those of SIFT (Arandjelović and Zisserman 2012).
 
     `image` (H, W) or (H, W, 3): grey, or blue, green, red.
@@ -65,10 +65,10 @@ def detect(image: Image) -> Features:
     sift = cv2.SIFT.create(_N_FEATURES, contrastThreshold=_CONTRAST)
     found, descriptor = sift.detectAndCompute(even, None)
     if len(found) == 0:
-        return Features(np.zeros((0, 2)), np.zeros((0, 128), dtype=np.float32))
+        return ImageFeatures(np.zeros((0, 2)), np.zeros((0, 128), dtype=np.float32))
     pixel, once = np.unique(np.array([one.pt for one in found]), axis=0, return_index=True)
     share = descriptor[once] / np.maximum(np.abs(descriptor[once]).sum(axis=1, keepdims=True), 1e-9)
-    return Features((pixel + 0.5) / factor - 0.5, np.sqrt(share).astype(np.float32))
+    return ImageFeatures((pixel + 0.5) / factor - 0.5, np.sqrt(share).astype(np.float32))
 
 
 def tracks_of(frames: Frames, place: FloatArray | None = None, progress: Progress | None = None) -> Matches:
@@ -78,7 +78,7 @@ def tracks_of(frames: Frames, place: FloatArray | None = None, progress: Progres
     """
     features = []
     for index in range(len(frames)):
-        features.append(detect(frames[index]))
+        features.append(detect_features(frames[index]))
         if progress is not None:
             progress("features", index + 1, len(frames))
     factor = min(1.0, _LONG_SIDE_PX / max(frames[0].shape[:2]))
@@ -87,7 +87,7 @@ def tracks_of(frames: Frames, place: FloatArray | None = None, progress: Progres
     for n, (first, second) in enumerate(candidates):
         found = _matched(features[first], features[second], _EPIPOLAR_PX / factor)
         if len(found) >= _LEAST_MATCHES:
-            pairs.append(Pair(first, second, found))
+            pairs.append(MatchedPair(first, second, found))
         if progress is not None:
             progress("matches", n + 1, len(candidates))
     pixels = tuple(one.pixel for one in features)
@@ -106,7 +106,7 @@ def _candidates(n: int, place: FloatArray | None) -> Iterator[tuple[int, int]]:
     yield from sorted(chosen)
 
 
-def _matched(first: Features, second: Features, epipolar_px: float) -> IntArray:
+def _matched(first: ImageFeatures, second: ImageFeatures, epipolar_px: float) -> IntArray:
     """Return the features (M, 2) that are each other's best match, clearly, and that one epipolar geometry explains."""
     none = np.zeros((0, 2), dtype=np.int64)
     if min(len(first.pixel), len(second.pixel)) < _LEAST_MATCHES:
@@ -128,7 +128,7 @@ def _matched(first: Features, second: Features, epipolar_px: float) -> IntArray:
     return np.column_stack([found, best[found]])
 
 
-def _joined(pairs: Sequence[Pair], pixels: Sequence[FloatArray]) -> TrackPixels:
+def _joined(pairs: Sequence[MatchedPair], pixels: Sequence[FloatArray]) -> TrackPixels:
     """Return the tracks of matched features; a photograph that a track meets twice is left out of it."""
     offset = np.r_[0, np.cumsum([len(pixel) for pixel in pixels])]
     n = int(offset[-1])

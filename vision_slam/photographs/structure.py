@@ -24,7 +24,7 @@ from vision_slam.odometry.global_adjustment import (
     TrackPixels,
     triangulated,
 )
-from vision_slam.photographs.matches import Matches, Pair, sorted_tracks
+from vision_slam.photographs.matches import Matches, MatchedPair, sorted_tracks
 
 _LEAST_PLACED = 3
 _N_STARTS = 4  # first pairs that are tried while most photographs stay out
@@ -46,7 +46,7 @@ _LEAST_FOR_LENS = 5
 _ANY_LENS = np.array([0.2, 0.2, 0.1])  # prior errors of log f, k1 and k2 where nothing states the distortion
 
 
-class Structure(NamedTuple):
+class PlacedCameras(NamedTuple):
     """Cameras and points, in units of the distance of the first two photographs.
 
     `camera`: the calibration with the adjusted lens, at the origin of its body. `image` (K,): photographs that are placed, in
@@ -66,7 +66,7 @@ class Structure(NamedTuple):
 
 def reconstruct_cameras(
     matches: Matches, camera: Camera, progress: Progress | None = None
-) -> Structure | None:
+) -> PlacedCameras | None:
     """Place as many photographs as matched features allow; None where these are fewer than three."""
     best: _Growing | None = None
     n = len({image for one in matches.pairs for image in (one.first, one.second)})
@@ -84,7 +84,7 @@ def reconstruct_cameras(
 class _Start(NamedTuple):
     """Two photographs, and the pose (4, 4) of the second in the frame of the first."""
 
-    pair: Pair
+    pair: MatchedPair
     pose: FloatArray
 
 
@@ -152,7 +152,7 @@ class _Growing:
                 self.poses = before
                 return
 
-    def finished(self) -> Structure | None:
+    def finished(self) -> PlacedCameras | None:
         """Adjust to the end, and draw the errors; None where the equations are singular."""
         self._adjust(_N_LAST)
         found = self._adjust(_N_LAST)
@@ -166,7 +166,7 @@ class _Growing:
         camera = self.lens.applied(self.camera)
         points = _places(geometry, seen)
         is_near = np.isfinite(points).all(axis=1)
-        return Structure(
+        return PlacedCameras(
             camera,
             np.array(sorted(self.poses)),
             geometry.poses,
