@@ -1,4 +1,4 @@
-"""ImageFeatures of photographs that overlap, matched over all of them.
+"""Features of photographs that overlap, matched over all of them.
 
 `tracks_of` detects scale-invariant features (SIFT, Lowe 2004) on images whose contrast is equalized (CLAHE), matches them in
 pairs, keeps the matches that one epipolar geometry explains, and joins them to tracks.
@@ -30,7 +30,7 @@ _N_NEAREST, _N_NEXT = 15, 6  # photographs that each is matched with otherwise, 
 
 
 class ImageFeatures(NamedTuple):
-    """ImageFeatures of an image: pixels (N, 2), and descriptors (N, 128) of unit length."""
+    """Features of an image: pixels (N, 2), and descriptors (N, 128) of unit length."""
 
     pixel: FloatArray
     descriptor: "np.ndarray[tuple[int, ...], np.dtype[np.float32]]"

@@ -24,7 +24,7 @@ from vision_slam.odometry.global_adjustment import (
     TrackPixels,
     triangulated,
 )
-from vision_slam.photographs.matches import Matches, MatchedPair, sorted_tracks
+from vision_slam.photographs.matches import MatchedPair, Matches, sorted_tracks
 
 _LEAST_PLACED = 3
 _N_STARTS = 4  # first pairs that are tried while most photographs stay out
