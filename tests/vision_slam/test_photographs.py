@@ -114,6 +114,23 @@ def test_too_few_fixes_are_refused(frames, structure):
         georeferenced(structure, few, LocalizationConfig())
 
 
+def test_fixes_that_stay_in_one_place_are_refused(frames, structure):
+    one = recording(frames, receiver_errors(1))
+    same = replace(one, gps=replace(one.gps, position=np.tile(ORIGIN, (len(POSES), 1))))
+    with pytest.raises(InputError, match=r"scatter by 0\.0 m about their middle, too little for a scale"):
+        georeferenced(structure, same, LocalizationConfig())
+
+
+def test_the_error_of_the_scale_grows_where_fixes_are_near(frames, structure):
+    def scale_sigma(factor):
+        one = recording(frames, receiver_errors(1))
+        near = replace(one.gps, position=ORIGIN + factor * (one.gps.position - ORIGIN))
+        notes = georeferenced(structure, replace(one, gps=near), LocalizationConfig()).notes
+        return float(next(note for note in notes if "the scale" in note).split()[-2])
+
+    assert 1.5 * scale_sigma(1.0) < scale_sigma(0.3) < 30.0
+
+
 def test_localization_takes_photographs_that_cannot_be_followed(frames):
     found = localize(recording(frames, receiver_errors(2)))
     assert any("10 of 10 were placed by features" in note for note in found.notes)

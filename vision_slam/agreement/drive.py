@@ -26,6 +26,7 @@ from vision_slam.readers.sequence import VisionRecords
 
 MANY_REFUSED = 3
 """Refused fixes beyond which a delay is tried, or, at the end of a drive, beyond which its last poses count as lost."""
+_PHOTOGRAPHS_S = 1.0  # between images of a camera that is no video camera
 _SURVEY_GRADE_M = 0.1  # errors of receivers with corrections, which stamp fixes by hardware
 _BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
@@ -97,9 +98,14 @@ class Drive:
 def process_images(
     records: VisionRecords, config: VisualOdometryConfig | None, progress: Progress | None
 ) -> VisualOdometry:
-    """Run visual odometry; refuse before work starts where neither wheels nor fixes give a scale."""
+    """Run visual odometry; refuse before work starts where neither wheels nor fixes give a scale.
+
+    Images seconds apart may turn out to be photographs, which need less.
+    """
     if isinstance(records, Recording) and records.wheels is None and records.frames is not None:
-        refuse_short_fixes(records.gps, records.frames.time_s)
+        times = records.frames.time_s
+        if len(times) < 2 or np.median(np.diff(times)) < _PHOTOGRAPHS_S:
+            refuse_short_fixes(records.gps, times)
     return visual_odometry(records, config, progress)
 
 

@@ -29,6 +29,7 @@ from vision_slam.photographs.structure import PlacedCameras
 
 _NEAR_S = 2.0  # between a photograph and the fix that is taken for it
 _LEAST_FIXES = 4
+_LEAST_SPREAD_M = 2.0
 _LEVEL_RAD = 0.05  # tilt of the camera's horizontal axis, by all photographs together
 _SIDEWAYS = 0.5  # cosine of the angle of that axis with the vertical, from which a photograph is not upright
 _UNKNOWN_SCALE, _UNKNOWN_TURN_RAD, _UNKNOWN_SHIFT_M = 0.3, 0.3, 100.0
@@ -244,6 +245,12 @@ def georeferenced(structure: PlacedCameras, recording: Recording, config: Locali
             f"{len(fixes.photo)} of the {len(time_s)} photographs that could be placed have a fix within {_NEAR_S:g} s; "
             f"at least {_LEAST_FIXES} are needed, or photographs without positions (--no-gps)."
         )
+    spread_m = _spread(fixes.position[:, :2])
+    if spread_m < _LEAST_SPREAD_M:
+        raise InputError(
+            f"the fixes of the photographs scatter by {spread_m:.1f} m about their middle, too little for a scale; at least "
+            f"{_LEAST_SPREAD_M:g} m are needed, or a table wheels.csv."
+        )
     mount = recording.camera.T_body_camera
     placed = similarity(structure, mount[:3, :3], mount[:3, 3], fixes)
     used, config, notes = _consistent(placed, fixes, config, is_stated=recording.gps.sigma_m is not None)
@@ -255,8 +262,15 @@ def georeferenced(structure: PlacedCameras, recording: Recording, config: Locali
         _landmarks(placed, recording, config),
         n_fixes=len(fixes.photo),
         n_fixes_refused=len(fixes.photo) - len(used.photo),
-        notes=notes,
+        notes=(*notes, _scale_note(placed)),
     )
+
+
+def _scale_note(placed: Placed) -> str:
+    """Return the standard deviation of the scale, which is that of the fixes."""
+    assert placed.covariance is not None
+    sigma = _UNKNOWN_SCALE * float(np.sqrt(placed.covariance[-7, -7]))
+    return f"the scale of the photographs has a standard deviation of {100.0 * sigma:.1f} %"
 
 
 def _consistent(
