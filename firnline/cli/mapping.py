@@ -36,6 +36,8 @@ def localize(
 
       firnline localize phone-photos --camera camera.toml --gps gnss_log.txt
 
+      firnline localize drone-photos -o flight
+
       firnline localize video-frames --frame-rate 30 --gps fixes.csv --columns time=t,lat=phi,lon=lambda
 
       firnline localize my-images --gps track.gpx --set localization.landmark_thinning=information
