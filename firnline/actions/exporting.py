@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 _MISSIONS = (".plan", ".waypoints")
-_KINDS = ("route", "raster", "points", "track", "area")
+_KINDS = ("route", "raster", "points", "track", "area", "stac")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +178,7 @@ class ExportRequest(RouteOptions):
         Path,
         Argument(
             help="File to write. Routes: .geojson .gpkg .gpx .kml .kmz .plan (QGroundControl) .waypoints .csv .wkt; "
-            "maps: .tif .asc .nc; points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …; "
+            "maps: .tif .asc .nc, or .json (their STAC item); points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …; "
             "run folders: .bag (ROS 1), .mcap (Foxglove and rerun; logs of watch too), worlds .sdf .glb .obj, and what --as names."
         ),
     ]
@@ -194,8 +194,15 @@ class ExportRequest(RouteOptions):
         str | None,
         Option(
             "--as",
-            help="What the file holds: route, raster, points, track or area; by default found in its content. Of a run "
+            help="What the file holds: route, raster, points, track or area, or stac for the item of a raster; by default found in its content. Of a run "
             "folder, what to write: ros2 (a folder, or .mcap), ros1, euroc, kitti (folders), foxglove, sdf, gltf, obj.",
+        ),
+    ] = None
+    days: Annotated[
+        str | None,
+        Option(
+            "--days",
+            help="STAC items: day of the survey, or its first and last, such as 2026-05-01,2026-05-04.",
         ),
     ] = None
     force: Annotated[bool, Option("--force", help="Replace an existing file.")] = False
@@ -323,14 +330,40 @@ def _kind_of(request: ExportRequest) -> str:
     kind = "route" if source.is_dir() else request.holds or kind_of(source, out)
     if kind is not None and kind != "route":
         request.refuse_stated(f"{source.name} holds none")
+    if request.days is not None and kind != "stac":
+        raise ConfigError("--days goes with STAC items of rasters (.json); leave it out.")
     return kind or "route"
 
 
 def _convert(request: ExportRequest, kind: str, out: Path) -> str:
     from survey.interchange.conversion import convert
 
+    if kind == "stac":
+        return _write_stac(request, out)
     given = {"crs": request.crs, "units": request.units, "select": request.select}
     convert(request.source, out, kind, **given)  # type: ignore[arg-type]  # checked above
+    return f"{out} written"
+
+
+def _write_stac(request: ExportRequest, out: Path) -> str:
+    """Write the STAC item of a raster, beside `out` of the request, whatever draft is written."""
+    from datetime import date
+
+    from survey.interchange.stac import write_stac_item
+
+    if request.days is None:
+        raise ConfigError(
+            "a STAC item states when the survey was; name its day with --days 2026-05-01, or first and last."
+        )
+    try:
+        days = [date.fromisoformat(part.strip()) for part in request.days.split(",")]
+    except ValueError as error:
+        raise ConfigError(
+            f"--days {request.days} is no day such as 2026-05-01, and no two of them."
+        ) from error
+    if len(days) > 2:
+        raise ConfigError(f"--days {request.days} names {len(days)} days; give the first and the last.")
+    write_stac_item(request.source, out, *days)
     return f"{out} written"
 
 

@@ -232,7 +232,7 @@ def _formats() -> str:
 
     rows = {
         "elevation rasters, read": ", ".join(RASTER_DRIVERS),
-        "elevation rasters, written": ".tif (cloud-optimized GeoTIFF), .asc, .nc",
+        "elevation rasters, written": ".tif (cloud-optimized GeoTIFF), .asc, .nc, .json (STAC item)",
         "areas, read": ", ".join(VECTOR_SUFFIXES),
         "areas, written": ".geojson, .gpkg, .kml, .shp",
         "routes, read": ", ".join(sorted(READERS)),

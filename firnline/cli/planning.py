@@ -82,6 +82,8 @@ def export(request: actions.ExportRequest, dry_run: DryRun = False) -> None:
 
       firnline export map.tif map.asc
 
+      firnline export map.tif map.json --days 2026-05-01
+
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
     perform(actions.export, request, dry_run=dry_run)

@@ -110,7 +110,7 @@ def _one(stated: Any, named: Any, source: str | Path) -> Any:
     return agreed_crs(stated, named, str(source))
 
 
-ContentKind = Literal["raster", "route", "points", "track", "area"]
+ContentKind = Literal["raster", "route", "points", "track", "area", "stac"]
 _RASTERS = (".tif", ".tiff", ".asc", ".nc")
 _CLOUDS = (".las", ".laz", ".ply")
 # Endings of routes whose files may hold something else.
@@ -131,6 +131,8 @@ def kind_of(source: str | Path, out: str | Path) -> ContentKind:
     endings = Path(source).suffix.lower(), Path(out).suffix.lower()
     if endings[1] in _RASTERS:
         return "raster"
+    if endings[0] in _RASTERS and endings[1] == ".json":
+        return "stac"
     if endings[0] in _CLOUDS or endings[1] in _CLOUDS:
         return "points"
     if ".tum" in endings:
