@@ -37,7 +37,6 @@ from vision_slam.readers.gps_files import is_receiver_log, read_gps
 from vision_slam.readers.images import (
     assemble_sequence,
     image_files,
-    is_jpeg,
     read_numbers,
     refuse_cut_off_image,
     refuse_other_sizes,
@@ -48,6 +47,7 @@ from vision_slam.readers.photos import (
     PhotoTimes,
     checked_photos,
     frame_numbers,
+    is_jpeg,
     photo_camera,
     photo_fixes,
     photo_times,

@@ -12,7 +12,7 @@ from survey.core import FloatArray, stream
 LENS = Camera(
     "pinhole", 360, 270, [[320.0, 0.0, 179.5], [0.0, 320.0, 134.5], [0.0, 0.0, 1.0]], np.zeros(5), np.eye(4)
 )
-_SIDE_M, _CELL_M = 64.0, 0.1
+_SIDE_M, _CELL_M = 160.0, 0.16
 
 
 def height_m(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -22,7 +22,7 @@ def height_m(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def texture(seed: int) -> FloatArray:
-    """Return a texture (640, 640) of mean 128, rough at all scales from 0.3 to 4 m."""
+    """Return a texture (1000, 1000) of mean 128 that repeats after 160 m, rough at all scales from 0.5 to 6 m."""
     draw, n = stream(seed, "texture"), round(_SIDE_M / _CELL_M)
     octaves = [
         gaussian_filter(draw.standard_normal((n, n)), width, mode="wrap") * width for width in (1.5, 4, 12)

@@ -149,6 +149,22 @@ def test_photographs_without_fixes_are_placed_in_a_unit_of_their_own(frames):
     np.testing.assert_allclose(found.position[0], 0.0, atol=1e-9)
 
 
+def test_photographs_of_a_camera_held_both_ways_are_placed():
+    poses = flight(4, 2, 3, 9.0, 26.0, 80.0)
+    poses[1::2, :3, :3] = poses[1::2, :3, :3] @ [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    ground, times = texture(4), TIME_S[: len(poses)]
+    frames = Frames(times, Images(photograph(pose, LENS, ground) for pose in poses))
+    place = ORIGIN + poses[:, :3, 3]
+    exact = Recording(
+        "EPSG:32608", place[0], GpsFixes(times, place), camera=LENS, frames=frames, start_is_surveyed=False
+    )
+    found = georeferenced(reconstruct_cameras(tracks_of(frames), LENS), exact, LocalizationConfig())
+    # Those held across count as level, which they are within the ten degrees by which the camera looks ahead.
+    assert np.linalg.norm(found.trajectory.position - place, axis=1).max() < 0.5
+    x, y, z = (found.points.xyz - ORIGIN).T
+    assert np.median(np.abs(z - height_m(x, y))) < 0.5
+
+
 def test_photographs_of_different_places_are_not_placed():
     pictures = [photograph(POSES[0], LENS, texture(seed)) for seed in (3, 4, 5, 6)]
     matches = tracks_of(Frames(TIME_S[:4], Images(pictures)))

@@ -243,7 +243,7 @@ def georeferenced(structure: PlacedCameras, recording: Recording, config: Locali
     if len(fixes.photo) < _LEAST_FIXES:
         raise InputError(
             f"{len(fixes.photo)} of the {len(time_s)} photographs that could be placed have a fix within {_NEAR_S:g} s; "
-            f"at least {_LEAST_FIXES} are needed, or photographs without positions (--no-gps)."
+            f"at least {_LEAST_FIXES} are needed; give more fixes, or photographs that overlap more."
         )
     spread_m = _spread(fixes.position[:, :2])
     if spread_m < _LEAST_SPREAD_M:

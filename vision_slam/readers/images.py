@@ -23,7 +23,7 @@ from survey.core import FloatArray, existing_file
 from survey.core.time_units import LONGEST_IMAGE_STEP_S, PER_SECOND, plain_unit
 from survey.data.frames import Frames, Image
 from survey.data.sensors.records import Inertial
-from vision_slam.readers.photos import natural_key, read_photo
+from vision_slam.readers.photos import are_held_both_ways, is_jpeg, natural_key, read_photo
 from vision_slam.readers.sequence import ImageSequence
 
 PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")
@@ -38,13 +38,15 @@ class AnyImages:
     """Image files read when asked for; values of more than 8 bits are divided by 2 to the power `shift`.
 
     One divisor for all images of the sequence: scaling each image by itself would depend on
-    its brightest pixel. JPEG images are turned upright as their EXIF orientation asks.
+    its brightest pixel. JPEG images are turned upright as their EXIF orientation asks, but not where the camera was held
+    both ways.
     """
 
     files: Sequence[Path]
     shift: int = 0
     orientations: Sequence[int] = ()
     is_deep: bool = False
+    is_held_both_ways: bool = False
 
     def __getitem__(self, index: int) -> Image:
         pixels = eight_bits(_of_depth(self.files[index], self.is_deep), self.shift, str(self.files[index]))
@@ -54,6 +56,11 @@ class AnyImages:
     def notes(self) -> tuple[str, ...]:
         """What was done to the pixels, in words."""
         scaled = (scaling_note(self.shift),) if self.shift else ()
+        if self.is_held_both_ways:
+            return (
+                *scaled,
+                "some images stand upright and others across: all are used as the sensor stores them",
+            )
         return (*scaled, "images are turned upright by their EXIF") if self.orientations else scaled
 
 
@@ -69,7 +76,10 @@ def images_of(files: Sequence[Path]) -> AnyImages:
     is_deep = bool(read_pixels(files[0]).dtype == np.uint16)
     sampled = [_of_depth(files[index], is_deep) for index in sample]
     deepest = max(bits_used(pixels) for pixels in sampled) if is_deep else 8
-    orientations = tuple(read_photo(file).orientation if is_jpeg(file) else 1 for file in files)
+    photos = [read_photo(file) if is_jpeg(file) else None for file in files]
+    if are_held_both_ways(photos):
+        return AnyImages(tuple(files), deepest - 8, (), is_deep, is_held_both_ways=True)
+    orientations = tuple(1 if photo is None else photo.orientation for photo in photos)
     return AnyImages(tuple(files), deepest - 8, orientations if max(orientations) > 1 else (), is_deep)
 
 
@@ -81,15 +91,6 @@ def _of_depth(file: Path, is_deep: bool) -> npt.NDArray[Any]:
             f"{file} has {pixels.dtype} pixels, the first image others; give images of one depth."
         )
     return pixels
-
-
-def is_jpeg(file: Path) -> bool:
-    """Return whether a file is a JPEG image by its suffix.
-
-    >>> is_jpeg(Path("DSC_0001.JPG")), is_jpeg(Path("1.png"))
-    (True, False)
-    """
-    return file.suffix.lower() in {".jpg", ".jpeg"}
 
 
 def upright(pixels: Image, orientation: int) -> Image:
@@ -176,10 +177,10 @@ def has_jpeg_end(content: bytes) -> bool:
     return content.find(_END_MARKS[b"\xff\xd8\xff"], at) >= 0
 
 
-def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:
+def refuse_other_sizes(files: Sequence[Path], camera: Camera, *, as_stored: bool = False) -> None:
     """Refuse images that are not of the calibration's size, by their headers alone where these can be read."""
     for file in files:
-        size = _size_of(file)
+        size = _size_of(file, as_stored=as_stored)
         if size != (camera.width, camera.height):
             raise InputError(
                 f"{file} has {size[0]} × {size[1]} pixels, its calibration {camera.width} × {camera.height}; "
@@ -187,8 +188,8 @@ def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:
             )
 
 
-def _size_of(file: Path) -> tuple[int, int]:
-    """Return width and height [pixels] of an image as it is used: JPEG images are turned upright, others are not."""
+def _size_of(file: Path, *, as_stored: bool) -> tuple[int, int]:
+    """Return width and height [pixels] of an image as it is used: JPEG images are turned upright unless as stored, others are not."""
     with file.open("rb") as stream:
         head = stream.read(24)
     if head.startswith(b"\x89PNG"):
@@ -199,7 +200,7 @@ def _size_of(file: Path) -> tuple[int, int]:
     except InputError:
         height, width = read_pixels(file).shape[:2]
         return width, height
-    return photo.upright_size if is_jpeg(file) else (photo.width, photo.height)
+    return photo.upright_size if is_jpeg(file) and not as_stored else (photo.width, photo.height)
 
 
 def read_text(path: str | Path, what: str) -> str:
@@ -225,7 +226,7 @@ def assemble_sequence(
 ) -> ImageSequence:
     """Assemble a sequence after checking all images for completeness and size."""
     images = images_of(files)
-    refuse_other_sizes(files, camera)
+    refuse_other_sizes(files, camera, as_stored=images.is_held_both_ways)
     time_s, poses = reference or (None, None)
     frame_s, unit_note = seconds_of(times, "images")
     reference_s, reference_note = (None, ()) if time_s is None else seconds_of(time_s, "reference poses")

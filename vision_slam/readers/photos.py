@@ -287,6 +287,15 @@ _PHONE_RADIUS_M = 5.0
 _CHANGED_DEG = 1e-9
 
 
+def is_jpeg(file: Path) -> bool:
+    """Return whether a file is a JPEG image by its suffix.
+
+    >>> is_jpeg(Path("DSC_0001.JPG")), is_jpeg(Path("1.png"))
+    (True, False)
+    """
+    return file.suffix.lower() in {".jpg", ".jpeg"}
+
+
 class PhotoTimes(NamedTuple):
     """Times (N,) [s] of images, their order in the list of files, and how they were found."""
 
@@ -432,15 +441,27 @@ def _left_out(photos: Sequence[Photo]) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def are_held_both_ways(photos: Sequence[Photo | None]) -> bool:
+    """Return whether JPEG images of one size, with none of another kind, stand upright and across.
+
+    Images of one camera that was held both ways are used as its sensor stores them.
+    """
+    known = [photo for photo in photos if photo is not None]
+    n_sizes = len({(photo.width, photo.height) for photo in known})
+    return len(known) == len(photos) and n_sizes == 1 and len({photo.upright_size for photo in known}) > 1
+
+
 def checked_photos(files: Sequence[Path]) -> list[Photo]:
-    """Read the headers of images; refuse sizes or orientations that differ."""
+    """Read the headers of images; refuse sizes that differ. Those of a camera held both ways are left as they are stored."""
     photos = [read_photo(file) for file in files]
+    if all(map(is_jpeg, files)) and are_held_both_ways(photos):
+        return [photo._replace(orientation=1) for photo in photos]
     first = photos[0]
     for photo in photos:
         if photo.upright_size != first.upright_size:
             (width, height), (other, lower) = first.upright_size, photo.upright_size
             raise InputError(
                 f"{photo.file} has {other} × {lower} pixels and {first.file.name} {width} × {height}; "
-                "put images of one size and orientation into the folder."
+                "put images of one size into the folder."
             )
     return photos

@@ -311,3 +311,19 @@ def test_positions_count_where_the_times_are_listed(tmp_path):
         photo(tmp_path / f"{k}.jpg", second=k, gps=position(58.4 + 1e-4 * k, -134.6))
     (tmp_path / "times.txt").write_text("0.0\n0.5\n1.0\n")
     assert read_sequence(tmp_path).gps.time_s.tolist() == [0.0, 0.5, 1.0]
+
+
+def test_images_of_a_camera_held_both_ways_are_used_as_its_sensor_stores_them(tmp_path):
+    for second, orientation in enumerate((1, 6, 1, 8)):
+        photo(tmp_path / "photos" / f"IMG_{second}.jpg", second, orientation=orientation)
+    sequence = read_sequence(tmp_path / "photos")
+    assert (sequence.camera.width, sequence.camera.height) == (64, 48)
+    assert [sequence.frames[k].shape[:2] for k in range(4)] == [(48, 64)] * 4
+    assert any("some images stand upright and others across" in note for note in sequence.notes)
+
+
+def test_images_of_other_sizes_are_refused_however_they_are_turned(tmp_path):
+    photo(tmp_path / "photos" / "IMG_0.jpg", 0)
+    photo(tmp_path / "photos" / "IMG_1.jpg", 1, size=(80, 48), orientation=6)
+    with pytest.raises(InputError, match=r"IMG_1.jpg has 48 × 80 pixels and IMG_0.jpg 64 × 48"):
+        read_sequence(tmp_path / "photos")
