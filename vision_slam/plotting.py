@@ -1,4 +1,4 @@
-"""Figures of tracked corners on images, before and after contrast enhancement."""
+"""Figures of tracked corners on images, before and after contrast enhancement, and of features that photographs share."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,11 +14,13 @@ from vision_slam.config import VisualOdometryConfig
 from vision_slam.motion import MotionSensors
 from vision_slam.odometry.tracks import ContrastEnhancer, grey_of
 from vision_slam.odometry.visual_slam import VisualSlam
+from vision_slam.photographs.matches import detect_features, epipolar_error_px, match_features
 from vision_slam.readers.sequence import VisionRecords
 
 _N_FOLLOWED = 10  # images over which corners are followed
 _N_DRAWN = 6  # of each corner's places, so that lines stay apart
 _YOUNG = "#f0e442"
+_N_PAIRS, _N_FEATURES = 4, 150  # pairs of photographs of which one is drawn, and its features
 
 
 @styled
@@ -78,3 +80,36 @@ def _draw(axes: Axes, image: Image, ways: list[FloatArray]) -> None:
     axes.plot(*ends.T, "o", color=ESTIMATE, markersize=2.6, markeredgecolor="white", markeredgewidth=0.3)
     axes.set(xlim=(-0.5, image.shape[1] - 0.5), ylim=(image.shape[0] - 0.5, -0.5), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
+
+
+@styled
+def features_on_photographs(frames: Frames) -> Figure:
+    """Draw two photographs, one taken after the other, with features that both show, in the same colours.
+
+    Of a few pairs along the series that with most features is drawn.
+    """
+    pairs = np.unique(np.linspace(0, len(frames) - 2, _N_PAIRS).astype(int)).tolist()
+    found = {first: _shared_pixels(frames, first) for first in pairs}
+    first = max(pairs, key=lambda index: len(found[index][0]))
+    height, width = frames[first].shape[:2]
+    figure = Figure(figsize=(FULL_IN, 0.5 * FULL_IN * height / width + 0.3), layout="constrained")
+    chosen = np.unique(np.linspace(0, len(found[first][0]) - 1, _N_FEATURES).astype(int))
+    colour = found[first][0][chosen, 0]
+    titles = f"Image {first + 1}: {len(found[first][0])} features", f"Found again in image {first + 2}"
+    for axes, index, pixel, title in zip(
+        figure.subplots(1, 2), (first, first + 1), found[first], titles, strict=True
+    ):
+        axes.imshow(grey_of(frames[index], width, height), cmap="gray", vmin=0, vmax=255)
+        axes.scatter(*pixel[chosen].T, c=colour, cmap="viridis", s=9, edgecolors="white", linewidths=0.3)
+        axes.set_title(title, fontsize=9)
+        axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
+    return figure
+
+
+def _shared_pixels(frames: Frames, first: int) -> tuple[FloatArray, FloatArray]:
+    """Return where a photograph and the next one show the same features, (M, 2) each [pixels], from left to right."""
+    before, after = (detect_features(frames[index]) for index in (first, first + 1))
+    shared = match_features(before, after, epipolar_error_px(frames[first]))
+    shared = shared[np.argsort(before.pixel[shared[:, 0], 0])]
+    return before.pixel[shared[:, 0]], after.pixel[shared[:, 1]]

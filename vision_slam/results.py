@@ -21,7 +21,7 @@ from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.evaluation import Comparison
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.tracks import grey_of
-from vision_slam.plotting import tracks_on_frames
+from vision_slam.plotting import features_on_photographs, tracks_on_frames
 from vision_slam.readers.sequence import VisionRecords
 
 OWN_FILES = (
@@ -30,7 +30,7 @@ OWN_FILES = (
         "track.gpkg",
     ),
     *("trajectory_fixed.csv", ICE_MOTION),
-    *("health.csv", "landmarks.csv", "landmarks.gpkg", *picture_files("map", "tracks", "errors")),
+    *("health.csv", "landmarks.csv", "landmarks.gpkg", *picture_files("map", "tracks", "features", "errors")),
 )  # fmt: skip
 """Names of all files that a localization consists of."""
 
@@ -91,7 +91,7 @@ def draw_localization(
     gps: GpsFixes | None = None,
     comparison: Comparison | None = None,
 ) -> dict[str, Figure]:
-    """Draw tracks on frames, the map with its ellipses and, with a reference, errors over distance."""
+    """Draw tracks on frames, or features that photographs share, the map with its ellipses and, with a reference, errors over distance."""
     pictures = {
         "map": path_map(
             estimate.position,
@@ -106,7 +106,10 @@ def draw_localization(
         )
     }
     if drive.frames is not None and len(drive.frames) > 1:
-        pictures["tracks"] = tracks_on_frames(drive)
+        if estimate.visual_odometry is None:
+            pictures["features"] = features_on_photographs(drive.frames)
+        else:
+            pictures["tracks"] = tracks_on_frames(drive)
     if comparison is not None:
         pictures["errors"] = error_over_distance(
             comparison.position, comparison.reference, comparison.covariance, comparison.is_lost

@@ -17,6 +17,7 @@ from vision_slam.photographs.localization import are_far_apart
 from vision_slam.photographs.matches import tracks_of
 from vision_slam.photographs.structure import reconstruct_cameras
 from vision_slam.pipeline import localize_images
+from vision_slam.plotting import features_on_photographs
 from vision_slam.readers.sequence import ImageSequence
 
 TRUE_LENS = with_distortion(LENS, -0.05, 1.03)
@@ -137,6 +138,16 @@ def test_localization_takes_photographs_that_cannot_be_followed(frames):
     assert any("the lens was estimated" in note for note in found.notes)
     assert found.visual_odometry is None
     assert len(found.points.xyz) > 500
+
+
+def test_shared_features_are_drawn_on_two_photographs(frames):
+    left, right = features_on_photographs(frames).axes
+    assert left.get_title().startswith("Image ")
+    assert right.get_title().startswith("Found again in image ")
+    shown = [panel.collections[0].get_offsets() for panel in (left, right)]
+    assert len(shown[0]) == len(shown[1]) > 50
+    # The camera moved: the ground in both images is not at one place of them.
+    assert np.median(np.abs(shown[0] - shown[1])) > 20.0
 
 
 def test_photographs_without_fixes_are_placed_in_a_unit_of_their_own(frames):

@@ -71,6 +71,11 @@ def detect_features(image: Image) -> ImageFeatures:
     return ImageFeatures((pixel + 0.5) / factor - 0.5, np.sqrt(share).astype(np.float32))
 
 
+def epipolar_error_px(image: Image) -> float:
+    """Return the error of a feature in an image [pixels], which is one of the image that features are detected on."""
+    return _EPIPOLAR_PX * max(1.0, float(max(image.shape[:2])) / _LONG_SIDE_PX)
+
+
 def tracks_of(frames: Frames, place: FloatArray | None = None, progress: Progress | None = None) -> Matches:
     """Match the features of photographs.
 
@@ -81,11 +86,11 @@ def tracks_of(frames: Frames, place: FloatArray | None = None, progress: Progres
         features.append(detect_features(frames[index]))
         if progress is not None:
             progress("features", index + 1, len(frames))
-    factor = min(1.0, _LONG_SIDE_PX / max(frames[0].shape[:2]))
+    epipolar_px = epipolar_error_px(frames[0])
     candidates = list(_candidates(len(features), place))
     pairs = []
     for n, (first, second) in enumerate(candidates):
-        found = _matched(features[first], features[second], _EPIPOLAR_PX / factor)
+        found = match_features(features[first], features[second], epipolar_px)
         if len(found) >= _LEAST_MATCHES:
             pairs.append(MatchedPair(first, second, found))
         if progress is not None:
@@ -106,8 +111,12 @@ def _candidates(n: int, place: FloatArray | None) -> Iterator[tuple[int, int]]:
     yield from sorted(chosen)
 
 
-def _matched(first: ImageFeatures, second: ImageFeatures, epipolar_px: float) -> IntArray:
-    """Return the features (M, 2) that are each other's best match, clearly, and that one epipolar geometry explains."""
+def match_features(first: ImageFeatures, second: ImageFeatures, epipolar_px: float) -> IntArray:
+    """Match the features of two photographs.
+
+    `epipolar_px`: largest distance from an epipolar line [pixels]. Returns (M, 2): features of the first and the second that
+    are each other's best match, clearly, and that one epipolar geometry explains; none where they are fewer than 25.
+    """
     none = np.zeros((0, 2), dtype=np.int64)
     if min(len(first.pixel), len(second.pixel)) < _LEAST_MATCHES:
         return none
