@@ -144,7 +144,7 @@ def test_shared_features_are_drawn_on_two_photographs(frames):
     left, right = features_on_photographs(frames).axes
     assert left.get_title(loc="left").startswith("Image ")
     assert right.get_title(loc="left").startswith("Found again in image ")
-    shown = [panel.collections[0].get_offsets() for panel in (left, right)]
+    shown = [np.asarray(panel.collections[0].get_offsets()) for panel in (left, right)]
     assert len(shown[0]) == len(shown[1]) > 50
     # The camera moved: the ground in both images is not at one place of them.
     assert np.median(np.abs(shown[0] - shown[1])) > 20.0
