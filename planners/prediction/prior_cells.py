@@ -78,14 +78,18 @@ class PriorCells:
     @cached_property
     def _covariance_of_unit(self) -> FloatArray:
         """Covariance (C, C) of the cells' errors if each of the three had a standard deviation of 1."""
-        covariance: FloatArray = 1.0 + np.exp(-cdist(self.centre, self.centre) / _CORRELATION_M) + np.eye(len(self))
+        covariance: FloatArray = (
+            1.0 + np.exp(-cdist(self.centre, self.centre) / _CORRELATION_M) + np.eye(len(self))
+        )
         return covariance
 
     @cached_property
     def level_m(self) -> float:
         """Standard deviation of the level of a map that the cells alone hold: that of their best mean error [m]."""
         some = self.spread(_MOST_FOR_LEVEL)
-        return float(self.sigma_m / np.sqrt(np.linalg.solve(some._covariance_of_unit, np.ones(len(some))).sum()))
+        return float(
+            self.sigma_m / np.sqrt(np.linalg.solve(some._covariance_of_unit, np.ones(len(some))).sum())
+        )
 
     def __len__(self) -> int:
         return len(self.centre)
