@@ -56,7 +56,9 @@ def write_stac_item(source: str | Path, out: str | Path, first: date, last: date
         The raster has no CRS, or the last day is before the first.
     """
     if last is not None and last < first:
-        raise InputError(f"the last day of the survey, {last}, is before the first, {first}; exchange them.")
+        raise InputError(
+            f"the last day of the survey, {last}, is before the first, {first}; exchange them (--days)."
+        )
     item = _item(existing_file(source, "the raster"), Path(out), first, last or first)
     write_text(out, json.dumps(item, indent=2, ensure_ascii=False) + "\n")
 

@@ -33,6 +33,7 @@ site, scored = conftest.site, conftest.scored
 _ELSEWHERE = {
     "calibration_figure": "tests/vision_slam/test_calibrate.py",
     "tracks_on_frames": "tests/vision_slam/test_recordings.py",
+    "features_on_photographs": "tests/vision_slam/test_photographs.py",
     "document_pages": "tests/survey/reporting/test_document.py",
 }
 """Figures that need images or a whole report, with the file of their test."""

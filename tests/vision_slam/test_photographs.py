@@ -9,6 +9,7 @@ from survey import Recording
 from survey.core import InputError, stream
 from survey.data.frames import Frames
 from survey.data.sensors.records import GpsFixes, Wheels
+from tests.printing import assert_printable
 from tests.vision_slam.photographed_ground import LENS, flight, height_m, photograph, texture, with_distortion
 from vision_slam import localize
 from vision_slam.config import LocalizationConfig
@@ -141,7 +142,9 @@ def test_localization_takes_photographs_that_cannot_be_followed(frames):
 
 
 def test_shared_features_are_drawn_on_two_photographs(frames):
-    left, right = features_on_photographs(frames).axes
+    figure = features_on_photographs(frames)
+    assert_printable(figure)
+    left, right = figure.axes
     assert left.get_title(loc="left").startswith("Image ")
     assert right.get_title(loc="left").startswith("Found again in image ")
     shown = [np.asarray(panel.collections[0].get_offsets()) for panel in (left, right)]
