@@ -2,7 +2,7 @@
 
 T. J. Pingel, K. C. Clarke, W. A. McBride: An improved simple morphological filter for the terrain classification of airborne
 LIDAR data. ISPRS Journal of Photogrammetry and Remote Sensing 77 (2013), 21-30. The settings are those that the paper gives
-for all of its samples together.
+for all of its samples together, but for the largest distance from the surface.
 
 The lowest height of each cell makes a raster. Openings with growing discs remove what is narrower than a disc and rises above
 the opened raster by more than the slope allows. The cells that remain make a provisional surface, and a point is ground
@@ -19,8 +19,11 @@ from survey.core import BoolArray, CapacityError, FloatArray
 from survey.io.point_classes import EARLIER, Chosen
 from survey.io.point_table import PLACE
 
-CELL_M, WINDOW_M, SLOPE, THRESHOLD_M, SLOPE_FACTOR = 1.0, 18.0, 0.15, 0.5, 1.25
-"""Side of a cell, largest radius of the discs, slope, and distance from the surface: a part that is fixed, and one times the slope."""
+CELL_M, WINDOW_M, SLOPE, THRESHOLD_M, SLOPE_FACTOR = 1.0, 18.0, 0.15, 0.45, 1.25
+"""Side of a cell, largest radius of the discs, slope, and distance from the surface: a part that is fixed, and one times the slope.
+
+The fixed part is 0.5 m in the paper, where a point is compared with the surface at the middle of its cell. Here it is compared
+with the surface at the point, which differs less from the ground: with 0.45 m as little ground is lost."""
 WIDEST_SPACING_M = 4.0
 """Points farther apart on average are not filtered: objects hold too few of them."""
 # A cell that lies in a pit by this slope holds a low outlier.
