@@ -29,7 +29,7 @@ N_MAPS, N_SEARCHES = 20, 24
 SIDE_M, LIMIT_S, BLOCK_M = 300.0, 7200.0, 10.0
 _LIMIT = 1.5
 """Limit of what is stated to be below, in medians of the true intensity."""
-PRIOR = SourcePrior((0.0, 0.0, SIDE_M, SIDE_M), (1e2, 1e6), (0.5, 100.0))
+PRIOR = SourcePrior((0.0, 0.0, SIDE_M, SIDE_M), (1e3, 1e5), (0.5, 100.0))
 SEEKER = SourceSeeker(SurveyArea.rectangle(PRIOR.bounds, "EPSG:32608"))
 
 

@@ -19,6 +19,8 @@ from survey.data.area import SurveyArea
 from survey.reconstruction.counts.counts import Counts
 from survey.reconstruction.counts.sources import DISPERSION, SourceSearch
 
+LEAST_SIGNAL = 1.0
+"""A source is stated once its part of some count is as large as that of the background, which itself varies over a site."""
 _DIRECTIONS, _DISTANCES_M = 16, (12.0, 30.0, 75.0, 150.0)
 _N_CONSIDERED = 250
 # A share of independent counts is used again until it changes by this factor.
@@ -92,15 +94,17 @@ class SourceSeeker:
     def found(self, search: SourceSearch) -> FoundSource | None:
         """Return the place of the source where it is known well enough, else nothing.
 
-        Where the counts deviate together, `search` is conditioned again on all of them, each worth a share of one.
+        Where the counts deviate together, `search` is conditioned again on all of them, each worth a share of one. The particles must give
+        half of the error that is allowed: a search looks after each leg, and stops at the first look that seems good enough.
         """
-        if search.belief.within(self.radius_m)[1] < self.probability:
+        wanted = 1.0 - 0.5 * (1.0 - self.probability)
+        if search.belief.within(self.radius_m)[1] < wanted or search.largest_signal() < LEAST_SIGNAL:
             return None
         share = search.independent_share()
         if max(share / search.belief.share, search.belief.share / share) > _SAME_SHARE:
             search.with_share(share)
         place, probability = search.belief.within(self.radius_m)
-        return FoundSource(place, probability) if probability >= self.probability else None
+        return FoundSource(place, probability) if probability >= wanted else None
 
     def _places(self, search: SourceSearch, at: FloatArray) -> FloatArray:
         """Return places (M, 2) around the rover and around likely sources, on the ground that may be driven."""

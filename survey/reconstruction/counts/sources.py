@@ -24,16 +24,20 @@ from survey.reconstruction.counts.counts import Counts
 _N_PARTICLES = 1500
 # Markov steps go on until a particle has moved so often on average, or so many were tried.
 _MOVES, _MOST_SWEEPS = 1.5, 20
+# Share of the steps that go to any place and strength of the prior.
+_ANYWHERE = 0.1
 _N_CENTRES = 300
-_MOST_LAGS = 15
+_MOST_LAGS, _LEAST_PAIRS, _SEEN = 15, 8, 0.3
 # Priors of the logarithms of dispersion and of the scatter of the direction: mean and standard deviation.
 _DISPERSION = (math.log(0.02), 1.5)
 _JITTER_DEG, _JITTER_SD = 3.0, 0.7
+_GUST = (math.log(0.05), 1.2)
 # Metres within which a plume has its width at the begin.
 _SOURCE_M = 1.0
-X, Y, STRENGTH, BACKGROUND, DISPERSION, TURN, WIDTH, JITTER = range(8)
+X, Y, STRENGTH, BACKGROUND, DISPERSION, TURN, WIDTH, JITTER, GUST = range(9)
 """Columns of particles: place [m]; logarithms of strength, background and dispersion; of a plume the turn of the wind [rad], and the
-logarithms of the factor on its width and of the standard deviation of the direction of a single count [rad]."""
+logarithms of the factor on its width, of the standard deviation of the direction of a single count [rad], and of the dispersion that
+gusts give to the plume alone."""
 
 
 class Signal(NamedTuple):
@@ -123,9 +127,9 @@ class SteadyPlume:
 
     @property
     def own_prior(self) -> tuple[FloatArray, FloatArray]:
-        """Turn of the wind, factor on the width, and scatter of the direction."""
-        mean = np.array([0.0, 0.0, math.log(math.radians(_JITTER_DEG))])
-        return mean, np.array([math.radians(self.turn_sd_deg), self.width_sd, _JITTER_SD])
+        """Turn of the wind, factor on the width, scatter of the direction, and gusts."""
+        mean = np.array([0.0, 0.0, math.log(math.radians(_JITTER_DEG)), _GUST[0]])
+        return mean, np.array([math.radians(self.turn_sd_deg), self.width_sd, _JITTER_SD, _GUST[1]])
 
     def of(self, counts: Counts, particles: FloatArray) -> Signal:
         """Return the intensity of strength 1: that of 1 per second, taken up in a flow of 1 m³/s."""
@@ -140,7 +144,7 @@ def _plume(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the Gaussian plume (K, N) for K particles at N places in the wind (N, 2) measured there, and its relative variance.
 
-    The variance is that of a direction which errs for each count by itself, to first order.
+    The variance is that of gusts, and of a direction which errs for each count by itself, to first order.
     """
     intensity = np.zeros((len(particles), len(xy)))
     variance = np.zeros((len(particles), len(xy)))
@@ -150,7 +154,7 @@ def _plume(
             math.sin(particles[k, TURN]),
             math.exp(particles[k, WIDTH]),
         )
-        jitter = math.exp(particles[k, JITTER])
+        jitter, gusts = math.exp(particles[k, JITTER]), math.exp(particles[k, GUST])
         for i in range(len(xy)):
             east = cosine * wind[i, 0] - sine * wind[i, 1]
             north = sine * wind[i, 0] + cosine * wind[i, 1]
@@ -165,7 +169,8 @@ def _plume(
             high = factor * 0.06 * s / math.sqrt(1.0 + 1.5e-3 * s) + 0.3
             exponent = 0.5 * (across / wide) ** 2 + 0.5 * (height_m / high) ** 2 + loss_per_s * s / speed
             intensity[k, i] = math.exp(-exponent) / (math.pi * wide * high * speed)
-            variance[k, i] = (jitter * across * s / wide**2) ** 2 + 0.5 * (jitter * s / wide) ** 4
+            turned = (jitter * across * s / wide**2) ** 2 + 0.5 * (jitter * s / wide) ** 4
+            variance[k, i] = gusts + turned
     return intensity, variance
 
 
@@ -230,7 +235,7 @@ class Belief(NamedTuple):
 
     Parameters
     ----------
-    particles : (K, 5) or (K, 8) ndarray
+    particles : (K, 5) or (K, 9) ndarray
         Columns as `X`, `Y`, `STRENGTH`, ... name them.
     weights : (K,) ndarray
         Weights, which sum to 1.
@@ -326,17 +331,23 @@ class SourceSearch:
         assert self.counts is not None
         power = np.full(len(self.counts), self._share)
         density = self._likelihood_of(self._particles, self.counts, power) + self._log_prior(self._particles)
-        best = self._particles[[int(density.argmax())]]
+        best, together = self._particles[[int(density.argmax())]], [1.0]
         mu, dispersion = self._expected(best, self.counts)[0], math.exp(best[0, DISPERSION])
-        deviation = (self.counts.n - mu) / np.sqrt(mu + dispersion * mu**2)
-        residual: FloatArray = deviation - deviation.mean()
-        square, together = float(residual @ residual), 1.0
-        for lag in range(1, min(_MOST_LAGS, len(residual) // 4)):
-            rho = float(residual[lag:] @ residual[:-lag]) / square
-            if rho < 2.0 / math.sqrt(len(residual)):
-                break
-            together += 2.0 * rho
-        return 1.0 / together
+        signal = 1.0 - self.counts.exposure_s * math.exp(best[0, BACKGROUND]) / mu
+        # Gusts show in what the source gives; counts of the background alone would hide them.
+        for seen in (np.ones(len(mu)), (signal > _SEEN).astype(np.float64)):
+            residual = seen * (self.counts.n - mu) / np.sqrt(mu + dispersion * mu**2)
+            together.append(_counts_together(residual, seen))
+        return 1.0 / max(together)
+
+    def largest_signal(self) -> float:
+        """Return the largest ratio of the source's part of a count to that of the background, in the median of the particles."""
+        assert self.counts is not None
+        some = self.rng.choice(len(self._particles), _N_CENTRES, p=self.belief.weights)
+        particles = self._particles[some]
+        unit = self.response.of(self.counts, particles).unit
+        ratio = np.exp(particles[:, STRENGTH] - particles[:, BACKGROUND]) * unit.max(axis=1)
+        return float(np.median(ratio))
 
     def expected_at(self, counts: Counts, chosen: IntArray) -> FloatArray:
         """Return the expected counts (K, N) of some particles at places."""
@@ -407,14 +418,32 @@ class SourceSearch:
                 break
 
     def _proposed(self, sweep: int) -> FloatArray:
-        """Return particles moved along the difference of two others; every third sweep between modes."""
+        """Return particles moved along the difference of two others; every third sweep between modes, and some anywhere."""
         size = self._particles.shape[1]
         first, second = (self.rng.permutation(len(self._particles)) for _ in range(2))
         factor = 1.0 if sweep % 3 == 2 else 2.38 / math.sqrt(2.0 * size) * self.rng.uniform(0.2, 1.2)
         away = self._particles[first] - self._particles[second]
         spread = 1e-3 * (self._particles.std(axis=0) + 1e-9)
         moved: FloatArray = self._particles + factor * away + spread * self.rng.standard_normal(away.shape)
+        anywhere = self.rng.random(len(moved)) < _ANYWHERE
+        low, high = self.prior.limits()
+        moved[anywhere] = self._particles[anywhere]
+        moved[anywhere, :BACKGROUND] = self.rng.uniform(low[:3], high[:3], (int(anywhere.sum()), 3))
         return moved
+
+
+def _counts_together(residual: FloatArray, seen: FloatArray) -> float:
+    """Return how many successive counts deviate as one: the sum of the autocorrelation of residuals (N,) of the counts that are 1 in `seen`."""
+    square, together = float(residual @ residual) / max(float(seen.sum()), 1.0), 1.0
+    for lag in range(1, min(_MOST_LAGS, len(residual) // 4)):
+        pairs = float(seen[lag:] @ seen[:-lag])
+        if pairs < _LEAST_PAIRS or square == 0.0:
+            break
+        rho = float(residual[lag:] @ residual[:-lag]) / pairs / square
+        if rho < 2.0 / math.sqrt(pairs):
+            break
+        together += 2.0 * rho
+    return together
 
 
 def _largest_step(log_weights: FloatArray, gain: FloatArray) -> float:
