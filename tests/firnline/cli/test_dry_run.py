@@ -17,6 +17,7 @@ WITHOUT = {"desk", "doctor", "download", "fit", "help", "rover", "schema", "show
 RUNS = {
     "calibrate": "images --board 9x6 -o camera.toml",
     "change": "2026.tif 2024.tif --outline glacier.gpkg -o change --report change.pdf",
+    "counts": "gamma.csv --crs EPSG:32608 --source radiation -o gamma",
     "example": "short-drive",
     "export": "map.tif map.nc",
     "export points": "landmarks.csv landmarks.ply --crs EPSG:32608",
