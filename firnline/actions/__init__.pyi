@@ -7,6 +7,8 @@ from firnline.actions.change_request import ChangeRequest as ChangeRequest
 from firnline.actions.changes import ChangeResult as ChangeResult
 from firnline.actions.changes import CloudChangeResult as CloudChangeResult
 from firnline.actions.changes import change as change
+from firnline.actions.counting import CountsResult as CountsResult
+from firnline.actions.counting import count_map as count_map
 from firnline.actions.exporting import DownloadRequest as DownloadRequest
 from firnline.actions.exporting import DownloadResult as DownloadResult
 from firnline.actions.exporting import ExportRequest as ExportRequest
@@ -29,6 +31,7 @@ from firnline.actions.payload_mapping import payload as payload
 from firnline.actions.plan_request import PlanRequest as PlanRequest
 from firnline.actions.plan_request import PlanResult as PlanResult
 from firnline.actions.planning import plan as plan
+from firnline.actions.requests import CountsRequest as CountsRequest
 from firnline.actions.requests import InitRequest as InitRequest
 from firnline.actions.requests import MonteCarloRequest as MonteCarloRequest
 from firnline.actions.requests import PayloadRequest as PayloadRequest

@@ -354,6 +354,52 @@ class PayloadRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CountsRequest(PictureOptions):
+    """Counts of a detector whose intensity is to be mapped, and whose source is to be found."""
+
+    counts: Annotated[
+        Path,
+        Argument(
+            help="CSV with easting_m, northing_m, counts and exposure_s, and with wind_east_m_s and wind_north_m_s for a plume."
+        ),
+    ]
+    crs: Annotated[str, Option("--crs", help="CRS of the places, e.g. EPSG:32608.")]
+    grid: Annotated[float, Option("--grid", min=0.01, help="Distance between the nodes of the map [m].")] = (
+        2.0
+    )
+    area: Annotated[
+        Path | None,
+        Option("--area", help="Polygon file to map; without it the bounding box of the counts."),
+    ] = None
+    limit_per_s: Annotated[
+        float | None,
+        Option("--limit", help="Intensity [counts/s]; the map gives the probability that it is not reached."),
+    ] = None
+    source: Annotated[
+        Literal["none", "radiation", "plume"],
+        Option("--source", help="Find one source: of radiation, or of a plume in the wind."),
+    ] = "none"
+    height_m: Annotated[float, Option("--height", min=0.0, help="Height of the detector [m].")] = 0.5
+    half_life_s: Annotated[
+        float | None, Option("--half-life", help="Half-life of what a plume carries [s].")
+    ] = None
+    radius_m: Annotated[
+        float, Option("--radius", min=0.1, help="Radius about the stated place of the source [m].")
+    ] = 10.0
+    next_from: Annotated[
+        str | None,
+        Option(
+            "--next-from",
+            metavar="EASTING,NORTHING",
+            help="Place of the rover; the place where the next count says most about the source is printed. Needs --source.",
+        ),
+    ] = None
+    seed: Annotated[int, Option("--seed", help="Seed of the particles of the source.")] = 0
+    out: Annotated[Path, Option("--out", "-o", help="Folder for maps, picture and facts.")] = Path("counts")
+    force: Annotated[bool, Option("--force", help="Replace an existing map.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunRequest(RunOptions):
     """Mission to run, or to continue where it was stopped."""
 

@@ -1,10 +1,10 @@
-"""Commands from a recording to a map: ``localize``, ``calibrate``, ``reconstruct`` and ``payload``."""
+"""Commands from a recording to a map: ``localize``, ``calibrate``, ``reconstruct``, ``payload`` and ``counts``."""
 
 import typer
 
 from firnline import actions
 from firnline.actions.interface import preview_of
-from firnline.actions.requests import PayloadRequest, ReconstructRequest
+from firnline.actions.requests import CountsRequest, PayloadRequest, ReconstructRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import (
@@ -150,5 +150,26 @@ def payload(request: PayloadRequest, dry_run: DryRun = False, quiet: Quiet = Fal
     perform(actions.payload, request, dry_run=dry_run, quiet=quiet)
 
 
-COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, payload)}
+@with_exit_codes
+@with_options_of(CountsRequest)
+def counts(
+    request: CountsRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
+) -> None:
+    """Map the intensity of radiation or of a plume from counts, and find its source.
+
+    For example:
+
+      firnline counts gamma.csv --crs EPSG:32608 --grid 2 --limit 30 --source radiation
+
+      firnline counts methane.csv --crs EPSG:32608 --source plume --height 1 --area site.gpkg --out methane
+
+      firnline counts so-far.csv --crs EPSG:32608 --source radiation --next-from 500010,6700020
+
+    Written are intensity.tif (median), lower.tif and upper.tif (95 % interval) in counts per second, with --limit
+    below_limit.tif (probability), counts.json, and the picture counts.png.
+    """
+    perform(actions.count_map, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
+
+
+COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, payload, counts)}
 """Commands by the step of a survey that they belong to."""

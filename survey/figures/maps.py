@@ -1,7 +1,7 @@
 """Maps of a survey: terrain and route, surfaces side by side, and one quantity over the area.
 
 The quantities are the standard deviation, the support of the map by measurements, the width between lower and
-upper bound, a field of the payload or a probability, the density of landmarks, and the change between two
+upper bound, a field of the payload or a probability, an intensity of counts with its interval, the density of landmarks, and the change between two
 surveys. Maps of errors stand in `survey.figures.errors`, those of a planned route in `survey.figures.plans`.
 """
 
@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
+from matplotlib.patches import Circle, Patch, PathPatch
 from shapely import MultiPolygon, Polygon
 
 from survey.core import FloatArray, round_number
@@ -23,7 +23,16 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.figures.layout import add_colour_bar, add_legend, grouped, label_maps, map_figure, view, widen
+from survey.figures.layout import (
+    MapFigure,
+    add_colour_bar,
+    add_legend,
+    grouped,
+    label_maps,
+    map_figure,
+    view,
+    widen,
+)
 from survey.figures.map_layers import (
     decimate,
     draw_area,
@@ -44,6 +53,7 @@ from survey.figures.style import (
     FULL_IN,
     HALF_IN,
     INK,
+    NO_GO,
     VEIL,
     styled,
     symmetric_limits,
@@ -326,6 +336,43 @@ def _field_map(
     add_colour_bar(image, drawing, words[1])
     label_maps(drawing, words[0], crs=dem.crs)
     return drawing.figure
+
+
+@styled
+def intensity_map(intensity: Dem, way: FloatArray, source: tuple[FloatArray, float] | None = None) -> Figure:
+    """Draw an intensity [counts/s] in orders of magnitude, the way of the detector (N, 2) [m], and a circle about a source.
+
+    `source`: place (2,) and radius [m].
+    """
+    logarithm = np.log10(np.maximum(intensity.elevation, 1e-9))
+    low, high = (float(v) for v in np.nanpercentile(logarithm, [0.5, 99.5]))
+    drawing = _map_of_counts(intensity, logarithm, (colormaps["cividis"], low, max(high, low + 0.1)), way)
+    if source is not None:
+        (x, y), radius_m = source
+        circle = Circle((x, y), radius_m, fill=False, edgecolor=NO_GO, linewidth=1.4, zorder=5)
+        drawing.maps[0].add_patch(circle)
+    label_maps(drawing, "Intensity, log₁₀ of counts per second", crs=intensity.crs)
+    return drawing.figure
+
+
+@styled
+def interval_map(factor: Dem, way: FloatArray) -> Figure:
+    """Draw by which factor the 95 % interval of an intensity reaches beyond its median, and the way of the detector (N, 2) [m]."""
+    high = max(float(np.nanpercentile(factor.elevation, 99.5)), 1.1)
+    drawing = _map_of_counts(factor, factor.elevation, (DEVIATION, 1.0, high), way)
+    label_maps(drawing, "Factor to the end of the 95 % interval", crs=factor.crs)
+    return drawing.figure
+
+
+def _map_of_counts(
+    dem: Dem, values: FloatArray, colours: tuple[Colormap, float, float], way: FloatArray
+) -> MapFigure:
+    drawing = map_figure(HALF_IN, view(dem, None))
+    colour_map, low, high = colours
+    image = draw_raster(drawing.maps[0], values, dem, colour_map, Normalize(low, high))
+    drawing.maps[0].plot(*way.T, color=INK, linewidth=0.5, alpha=0.6, zorder=3.5)
+    add_colour_bar(image, drawing, "", extend="both")
+    return drawing
 
 
 @styled

@@ -11,6 +11,7 @@
 | cover.gpkg | polygons of ice and rock |
 | scans | two LiDAR scans of a few square metres |
 | weather.csv | air temperature along four lines |
+| gamma.csv | counts of radiation on eight lines |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 | 2026.laz, 2024.laz | point clouds of two surveys |
 """
@@ -21,6 +22,7 @@ import numpy as np
 import pyproj
 import shapely
 
+from sim.instruments.counter import RadiationWorld
 from survey import Dem, Grid, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.io.raster import write_raster
@@ -67,6 +69,16 @@ def make_scratch(folder: Path) -> None:
     _write_scans(folder / "scans", rng)
     _write_weather(folder / "weather.csv", rng)
     _write_clouds(folder, rng)
+    _write_counts(folder / "gamma.csv")
+
+
+def _write_counts(path: Path) -> None:
+    """Write counts of radiation on eight lines over a source."""
+    east, north = np.meshgrid(WEST + np.arange(55.0, 155.0, 10.0), SOUTH + np.arange(10.0, 170.0, 20.0))
+    source = np.array([WEST + 110.0, SOUTH + 80.0])
+    world = RadiationWorld(source, 1e4, 10.0, np.random.default_rng(7), uneven=0.1)
+    xy = np.column_stack([east.ravel(), north.ravel()])
+    world.count(xy, np.full(len(xy), 10.0)).write(path)
 
 
 def _write_map(path: Path, truth: Dem, rng: np.random.Generator) -> None:

@@ -112,6 +112,8 @@ def write_inputs(folder: Path) -> None:
     rows = [f"{x:.3f},{y:.3f},{h:.3f}" for (x, y), h in zip(checked, terrain.at(checked), strict=True)]
     (folder / "gnss.csv").write_text("\n".join(["x_m,y_m,z_m", *rows]) + "\n")
     warm = [f"{x:.2f},{y:.2f},{-4.0 + np.sin(x / 50.0):.4f}" for x, y in xy]
+    counted = [f"{x},{y},{3 + (7 * k) % 5},10" for k, (x, y) in enumerate(xy)]
+    (folder / "gamma.csv").write_text("\n".join(["easting_m,northing_m,counts,exposure_s", *counted]) + "\n")
     (folder / "log.csv").write_text("\n".join(["easting_m,northing_m,air_temperature", *warm]) + "\n")
     (folder / "mine.toml").write_text(MISSION)
     (folder / "study.toml").write_text("seed = 5\n" + STUDY)
@@ -200,6 +202,12 @@ DOORS = {
                 terrain=Path("truth.tif"),
                 out=Path("warm"),
             )
+        ),
+    ),
+    "counts": Door(
+        ("gamma.csv", "--crs", "EPSG:32608", "--grid", "8", "-o", "gamma"),
+        lambda: actions.count_map(
+            actions.CountsRequest(counts=Path("gamma.csv"), crs="EPSG:32608", grid=8.0, out=Path("gamma"))
         ),
     ),
     "score": Door(

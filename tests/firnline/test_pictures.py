@@ -84,6 +84,8 @@ FIGURES: dict[str, Callable[[SimpleNamespace, Any], Any]] = {
     "quantity_plot": lambda s, _: maps.quantity_plot(s.truth, "air_temperature [degC]", area=s.area, route=s.route),
     "uncertainty_plot": lambda s, _: maps.uncertainty_plot(s.truth, "snow_depth [m]", area=s.area, route=s.route),
     "probability_plot": lambda s, _: maps.probability_plot(s.truth, "Slope above 20°", area=s.area, route=s.route),
+    "intensity_map": lambda s, _: maps.intensity_map(s.truth, s.route.path(), (s.truth.xy[0], 40.0)),
+    "interval_map": lambda s, _: maps.interval_map(s.truth, s.route.path()),
     "landmark_map": lambda s, _: drawn.landmark_map(s.points, s.truth, area=s.area, route=s.route),
     "change_map": lambda s, _: drawn.change_map(_change(s), {"ice": s.area.polygon}),
     "distance_map": lambda s, _: drawn.distance_map(_distances(s), {"ice": s.area.polygon}),
