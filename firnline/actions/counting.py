@@ -13,7 +13,7 @@ from survey.core import ConfigError, FloatArray, InputError, replacing_folder
 from survey.core.documents import write_json
 from survey.core.streams import stream
 from survey.reconstruction.counts.counts import Counts
-from survey.reconstruction.counts.intensity import IntensityField
+from survey.reconstruction.counts.intensity import IntensityField, require_counts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +22,7 @@ OWN_FILES = ("*.tif", "counts.json", "counts.*", "interval.*", "*.aux.xml")
 """Patterns of the files that a map of counts consists of."""
 _MOST_NODES, _MOST_IN_SOURCE = 250_000, 300
 _INTERVAL = (0.025, 0.975)
+_LEAST_WIND_M_S = 0.1
 # Orders of magnitude of strengths and backgrounds about what was counted.
 _RANGE = (1e-3, 1e6)
 
@@ -113,7 +114,7 @@ class CountsResult(WrittenResult):
             f"{facts['counted']} counts in {facts['exposure_s']:.0f} s at {facts['n_counts']} places: {facts['family']}, length scale "
             f"{facts['length_scale_m']:.0f} m, dispersion {facts['dispersion']:.3g}",
             f"intensity: median of the site {np.nanmedian(self.maps['intensity'].elevation):.3g} counts/s, known within a factor "
-            f"of {factor:.2g} (95 %) on half of it",
+            f"of {factor:.3g} (95 %) on half of it",
         ]
         if "below_limit" in self.maps:
             below = self.maps["below_limit"].elevation
@@ -123,8 +124,9 @@ class CountsResult(WrittenResult):
             )
         if self.source is not None:
             (east, north), (sigma_e, sigma_n) = self.source.xy, self.source.sigma_m
+            is_open = self.source.probability < 0.5
             lines.append(
-                f"source: {east:.1f} ± {sigma_e:.1f} m E, {north:.1f} ± {sigma_n:.1f} m N; within {self.request.radius_m:g} m with a "
+                f"source: {'not found, the likeliest place is ' if is_open else ''}{east:.1f} ± {sigma_e:.1f} m E, {north:.1f} ± {sigma_n:.1f} m N; within {self.request.radius_m:g} m with a "
                 f"probability of {100 * self.source.probability:.0f} %"
             )
             if self.source.next_xy is not None:
@@ -238,9 +240,15 @@ def _inputs(request: CountsRequest) -> tuple[Counts, survey.Grid, survey.SurveyA
     """Read counts and area, and lay the grid of the map."""
     refuse_existing([request.out], force=request.force, inputs=[request.counts], own=OWN_FILES)
     counts = Counts.read(request.counts)
+    require_counts(counts)
     if request.source == "plume" and counts.wind_m_s is None:
         raise ConfigError(
             f"--source plume needs the wind, and {request.counts} has no columns wind_east_m_s and wind_north_m_s; add them."
+        )
+    if request.source == "plume" and np.hypot(*counts.wind_m_s.mean(axis=0)) < _LEAST_WIND_M_S:  # type: ignore[union-attr]
+        raise InputError(
+            f"{request.counts}: the mean wind is below {_LEAST_WIND_M_S:g} m/s, and a plume without wind leads nowhere; check the columns "
+            "wind_east_m_s and wind_north_m_s."
         )
     if request.half_life_s is not None and (request.source != "plume" or request.half_life_s <= 0.0):
         raise ConfigError(

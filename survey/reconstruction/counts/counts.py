@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from survey.core import DataObject, FloatArray, InputError, checked, existing_file
+from survey.core import DataObject, FloatArray, InputError, checked, existing_file, printable
 from survey.io.tables import read_table, write_table
+from survey.io.text_tables import read_text_table
 
 _COUNT, _EXPOSURE = "counts", "exposure_s"
 _PLACE, _WIND = ("easting_m", "northing_m"), ("wind_east_m_s", "wind_north_m_s")
@@ -104,16 +104,29 @@ class Counts(DataObject):
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read a CSV with the columns easting_m, northing_m, counts and exposure_s, and wind_east_m_s and wind_north_m_s if it has them."""
-        file = existing_file(path, "the counts")
-        columns = read_table(file, (*_PLACE, _COUNT, _EXPOSURE), what="the counts")
+        columns = _columns(Path(path))
+        for name, values in columns.items():
+            unknown = np.flatnonzero(~np.isfinite(values))
+            if len(unknown):
+                raise InputError(
+                    f"{path}: the column {name} has no number in row {unknown[0] + 1} of {len(values)}; remove the row or correct it."
+                )
         winds = [columns.get(name) for name in _WIND]
         if (winds[0] is None) != (winds[1] is None):
             raise InputError(
                 f"{path} has one of the columns {' and '.join(_WIND)}; wind needs both, or none."
             )
         wind: Any = None if winds[0] is None else np.column_stack(winds)  # type: ignore[arg-type]
-        places: NDArray[Any] = np.column_stack([columns[name] for name in _PLACE])
-        return cls(places, columns[_COUNT], columns[_EXPOSURE], wind)
+        xy = np.column_stack([columns[name] for name in _PLACE])
+        if np.all(np.abs(xy) <= (360.0, 90.0)) and np.all(np.ptp(xy, axis=0) < 1.0):
+            raise InputError(
+                f"{path}: the places lie about ({xy[0, 0]:g}, {xy[0, 1]:g}), which are degrees; give easting_m and northing_m in metres of "
+                "a projected CRS."
+            )
+        try:
+            return cls(xy, columns[_COUNT], columns[_EXPOSURE], wind)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
 
     def write(self, path: str | Path) -> None:
         """Write a CSV that `read` reads."""
@@ -121,3 +134,21 @@ class Counts(DataObject):
         if self.wind_m_s is not None:
             columns |= dict(zip(_WIND, self.wind_m_s.T, strict=True))
         write_table(path, columns)
+
+
+def _columns(path: Path) -> dict[str, FloatArray]:
+    """Read the columns of a log: with commas, or with semicolons or tabs and decimal commas."""
+    what, needed = "the counts", (*_PLACE, _COUNT, _EXPOSURE)
+    file = existing_file(path, what)
+    with file.open(encoding="utf-8-sig", errors="replace") as stream:
+        header = stream.readline()
+    if ";" not in header and "\t" not in header:
+        return read_table(file, needed, what=what)
+    table = read_text_table(file, what)
+    missing = [name for name in needed if name not in table.header]
+    if missing:
+        raise InputError(
+            f"{table.where} has no column {missing[0]} (found {printable(', '.join(table.header))[:200]}); the header must hold "
+            f"{', '.join(needed)}."
+        )
+    return {name: table.numbers(name) for name in (*needed, *_WIND) if name in table.header}

@@ -79,6 +79,17 @@ class LogIntensity(NamedTuple):
         return quantile
 
 
+def require_counts(counts: Counts) -> None:
+    """Raise `InputError` for counts that give no map: few, none, or all of one place."""
+    extent_m = float(np.hypot(*np.ptp(counts.xy, axis=0)))
+    if len(counts) < _N_LEAST:
+        raise InputError(f"{len(counts)} counts were given; a map needs at least {_N_LEAST}.")
+    if counts.n.sum() < 1.0:
+        raise InputError(f"nothing was counted in {counts.exposure_s.sum():.0f} s; a map needs counts.")
+    if extent_m < 1.0:
+        raise InputError(f"the counts lie within {extent_m:.2g} m; a map needs counts along a way.")
+
+
 class IntensityField:
     """Log-Gaussian field given counts.
 
@@ -91,7 +102,8 @@ class IntensityField:
 
     Notes
     -----
-    The intensity is taken as constant in time, and places as exact. Structure that is finer than a block is dispersion.
+    The intensity is taken as constant in time, and places as exact. Counts cannot separate structure of the ground that is finer than their
+    distance from what changes between counts: the dispersion is part of the interval.
     """
 
     def __init__(self, counts: Counts, parts: list[tuple[float, CountHyperparameters]]) -> None:
@@ -118,16 +130,10 @@ class IntensityField:
         InputError
             Nothing was counted, or all counts are of one place.
         """
+        require_counts(counts)
         few = counts.in_blocks(_N_FITTED)
         extent_m = float(np.hypot(*np.ptp(few.xy, axis=0)))
-        if len(few) < _N_LEAST:
-            raise InputError(f"{len(few)} counts were given; a map needs at least {_N_LEAST}.")
-        if few.n.sum() < 1.0:
-            raise InputError(f"nothing was counted in {counts.exposure_s.sum():.0f} s; a map needs counts.")
-        if extent_m < 1.0:
-            raise InputError(f"the counts lie within {extent_m:.2g} m; a map needs counts along a way.")
         prior = _Prior.of(extent_m, has_wind=few.wind_m_s is not None)
-
         peaks = [_Peak.of(few, prior, family) for family in FAMILIES]
         evidence = np.array([peak.log_evidence for peak in peaks])
         weights = np.exp(evidence - evidence.max())
@@ -281,6 +287,8 @@ class _Mode(NamedTuple):
         cross = _covariance(self.counts, xy, self.found)
         half = solve_triangular(self.factor, self.root[:, None] * cross, lower=True, check_finite=False)
         variance = self.found.sigma**2 + _MEAN_VARIANCE - np.sum(half**2, axis=0)
+        # Dispersion may be structure of the ground that is finer than the counts.
+        variance += np.log1p(self.found.dispersion)
         return self.level + cross.T @ self.gradient, np.sqrt(np.maximum(variance, 1e-12))
 
 
