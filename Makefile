@@ -27,7 +27,7 @@ test-long: $(VENV)/.ready
 test-walkthroughs: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist worksteal -m walkthrough
 
-# Hundreds of random sites, every command killed, many kills: claims that `make test` holds on fewer cases.
+# Hundreds of random sites, every command killed, many kills: claims that `make test` holds on fewer cases; the pictures of the documentation.
 test-exhaustive: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile -m exhaustive
 

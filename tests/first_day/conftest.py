@@ -5,8 +5,10 @@ with all that it needs (``make wheel-check``). Without it the wheel is built and
 which finds the dependencies where this Python has them and the source nowhere.
 """
 
+import glob
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -56,8 +58,22 @@ def _unpack_wheel(place: Path) -> None:
     (packages,) = place.glob("venv/lib/python*/site-packages")
     with zipfile.ZipFile(next(place.glob("*.whl"))) as wheel:
         wheel.extractall(packages)
+    _take_compiled_loops(packages)
     # A folder that is named by a .pth file is searched, and its own .pth files are not followed.
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+
+
+def _take_compiled_loops(packages: Path) -> None:
+    """Copy the compiled loops of the source; they hold for files of equal size and time. What was not compiled yet is compiled."""
+    for index in ROOT.glob("[a-z]*/**/__pycache__/*.nbi"):
+        module = index.parent.parent / f"{index.name.partition('.')[0]}.py"
+        unpacked = packages / module.relative_to(ROOT)
+        if not unpacked.exists():
+            continue
+        shutil.copystat(module, unpacked)
+        (unpacked.parent / "__pycache__").mkdir(exist_ok=True)
+        for file in index.parent.glob(f"{glob.escape(index.stem)}*"):
+            shutil.copy(file, unpacked.parent / "__pycache__")
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from planners.guarantee.adaptive import AdaptiveConfig
 from tests.desk.browser.conftest import DeskPage
 from tests.desk.conftest import DeskServer
 
-pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]
+pytestmark = [pytest.mark.exhaustive, pytest.mark.timeout(1500)]
 
 ARROW = ((0, 0), (0, 17), (4, 13), (7, 20), (10, 19), (7, 12), (12, 12))
 LARGEST_BYTES = 1_500_000
