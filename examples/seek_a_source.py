@@ -33,7 +33,7 @@ world = RadiationWorld(
 # %% [markdown]
 # ## The search
 #
-# A leg ends at the place that is worth most; a count is taken every 10 m or so on the way, and one of 20 s at its end.
+# Each leg ends at the place with the largest expected information per time. Counts are taken about every 10 m on the way, and for 20 s at its end.
 
 # %%
 seeker = SourceSeeker(SurveyArea.rectangle(bounds, "EPSG:32608"))

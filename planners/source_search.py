@@ -1,6 +1,6 @@
 r"""Seek a source by its counts: the next place to count, and when to stop.
 
-A place is worth the information that its count is expected to give about the source, for the time that it takes. With counts of
+The next place maximizes the expected information of its count about the source per time. With counts of
 variance ``μ + φ μ²`` the values ``h(μ) = 2 φ^{-1/2} asinh (φ μ)^{1/2}`` have the variance 1, so that
 
 .. math::  I(z) \approx \tfrac12 \log \left( 1 + \operatorname{var} h(\mu(z)) \right)
@@ -63,7 +63,7 @@ class SourceSeeker:
     def next_place(
         self, search: SourceSearch, at: FloatArray, wind_m_s: FloatArray | None = None
     ) -> FloatArray:
-        """Return the place (2,) [m] whose count is worth most for its time.
+        """Return the place (2,) [m] with the largest expected information per time.
 
         Parameters
         ----------

@@ -209,7 +209,7 @@ def _log_likelihood(  # noqa: PLR0917 - compiled functions take no keywords
 
 @dataclass(frozen=True)
 class SourcePrior:
-    """What is known of a source before the counts.
+    """Prior distribution of a source.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ class SourceSearch:
     response : Response
         What the detector registers of the source.
     prior : SourcePrior
-        What is known before the counts.
+        Prior distribution of the source.
     rng : numpy.random.Generator
         Stream of the particles.
 
@@ -327,7 +327,7 @@ class SourceSearch:
                 self._renew()
 
     def independent_share(self) -> float:
-        """Return how many independent counts one is worth, from the autocorrelation of the residuals at the likeliest particle."""
+        """Return the effective sample size per count, from the autocorrelation of the residuals at the particle of the largest density."""
         assert self.counts is not None
         power = np.full(len(self.counts), self._share)
         density = self._likelihood_of(self._particles, self.counts, power) + self._log_prior(self._particles)
