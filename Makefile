@@ -25,9 +25,10 @@ test-long: $(VENV)/.ready
 
 # What users do: every command of the pages, the scripts of examples/, first days with the wheel, the desk in a browser.
 test-walkthroughs: $(VENV)/.ready
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist worksteal -m walkthrough
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist worksteal -m "walkthrough and not exhaustive"
 
-# Hundreds of random sites, every command killed, many kills: claims that `make test` holds on fewer cases; the pictures of the documentation.
+# Hundreds of random sites, every command killed, many kills: claims that `make test` holds on fewer cases; the pictures of the
+# documentation; the tests of tests/exhaustive.txt. Not part of the gate: run them before a release.
 test-exhaustive: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile -m exhaustive
 
@@ -67,9 +68,8 @@ docs: $(VENV)/.docs
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 	$(BIN)/python -m docs.check_links docs/_build/html
 
-# pip compiles with one core; some files of packages are templates that do not compile.
+# Modules are compiled where they are first imported: a quarter of those of the packages ever are.
 install = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable
-compile = $(BIN)/python -W ignore -m compileall -q -j 0 $(VENV)/lib > /dev/null || true
 
 # Rebuilt when the requirements change; an incomplete one has no .ready or .demo and is rebuilt.
 $(VENV)/.demo: PACKAGES := .
@@ -79,10 +79,8 @@ $(VENV)/.demo $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("firnline needs Python 3.11 or newer; set PYTHON=...")'
 	$(PYTHON) -m venv --clear $(VENV)
 	$(install) '$(PACKAGES)'
-	$(compile)
 	touch $@
 
 $(VENV)/.docs: $(VENV)/.ready
 	$(install) '.[dev,docs]'
-	$(compile)
 	touch $@

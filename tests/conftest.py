@@ -21,6 +21,18 @@ settings.register_profile("firnline", derandomize=True, deadline=None)
 settings.load_profile("firnline")
 
 
+EXHAUSTIVE = Path(__file__).with_name("exhaustive.txt")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of ``exhaustive.txt`` before any are chosen by their marks."""
+    listed = {line for line in EXHAUSTIVE.read_text().splitlines() if not line.startswith("#")}
+    for item in items:
+        if item.nodeid in listed or item.nodeid.partition("[")[0] in listed:
+            item.add_marker(pytest.mark.exhaustive)
+
+
 def pytest_collection_finish() -> None:
     """Leave modules and collected tests out of the garbage collector's passes, which took 4 % of the suite's time."""
     gc.freeze()

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from sim.config.mission import MissionConfig
 from sim.config.sensors import LidarConfig
 from sim.instruments.sensor import StatisticalDrive
-from sim.vehicle.motion import exact_drive
+from sim.vehicle.motion import exact_drive, poses_at_rest
 from survey import Dem, Trajectory, Truth
 from survey.core import FloatArray, stream
 from survey.data.recording import table_file
@@ -193,6 +193,33 @@ def scans_along(motion: Trajectory, terrain: Dem, config: LidarConfig, seed: int
     at_s = np.arange(first, max(last, first) + 1.0) / config.rate_hz - 0.5 * config.turn_s
     drawn = DrawnMinutes(_Setup.of(motion, terrain, config, seed), at_s)
     return LidarScans(scanner_of(config), at_s + config.clock_offset_s, drawn)
+
+
+class TurningScanner:
+    """Scanner that turns once wherever its rover stands.
+
+    `terrain`: real terrain. `config`: scanner and its errors. `seed`: of the error of the mounting and of all noise.
+    """
+
+    def __init__(self, terrain: Dem, config: LidarConfig, seed: int) -> None:
+        middle = np.mean(np.reshape(terrain.grid().bounds, (2, 2)), axis=0)
+        resting, _ = poses_at_rest(terrain, np.tile(middle, (2, 1)), np.zeros(2), np.arange(2.0))
+        self._setup = _Setup.of(resting, terrain, config, seed)
+        self._rng = stream(seed, "sensors", "lidar", "turns")
+
+    def turn(self, pose: Trajectory) -> FloatArray:
+        """Return the places (N, 3) of the returns of one turn in the frame of the body [m], from the first pose of a path."""
+        still = Trajectory(
+            pose.time_s[0] + np.arange(2.0),
+            np.tile(pose.position[0], (2, 1)),
+            np.tile(pose.quaternion[0], (2, 1)),
+            np.zeros((2, 3, 3)),
+            pose.crs,
+        )
+        turning = Slerp(still.time_s, Rotation.from_quat(still.quaternion))
+        found = _turn(self._setup._replace(motion=still, turning=turning), 0, float(still.time_s[0]), self._rng)
+        nominal = scanner_of(self._setup.config).rays()[found.column, found.beam]
+        return 1e-3 * found.range_mm[:, None] * nominal + (0.0, 0.0, self._setup.config.height_m)
 
 
 def scanner_of(config: LidarConfig) -> Scanner:
