@@ -38,8 +38,11 @@ from firnline.actions.requests import PayloadRequest as PayloadRequest
 from firnline.actions.requests import ReconstructRequest as ReconstructRequest
 from firnline.actions.requests import RehearseRequest as RehearseRequest
 from firnline.actions.requests import ReportRequest as ReportRequest
+from firnline.actions.requests import RerouteRequest as RerouteRequest
 from firnline.actions.requests import RunRequest as RunRequest
 from firnline.actions.requests import SimulateRequest as SimulateRequest
+from firnline.actions.rerouting import RerouteResult as RerouteResult
+from firnline.actions.rerouting import reroute as reroute
 from firnline.actions.runs import MissionTemplate as MissionTemplate
 from firnline.actions.runs import RunResult as RunResult
 from firnline.actions.runs import init as init

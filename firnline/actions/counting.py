@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 import survey
-from firnline.actions.interface import Preview, WrittenResult, previewed_by, refuse_existing
+from firnline.actions.interface import Preview, WrittenResult, place_of, previewed_by, refuse_existing
 from firnline.actions.requests import CountsRequest
 from survey.core import ConfigError, FloatArray, InputError, replacing_folder
 from survey.core.documents import write_json
@@ -217,23 +217,9 @@ def _source(request: CountsRequest, counts: Counts, area: survey.SurveyArea) -> 
         wind = None if counts.wind_m_s is None else counts.last(10).wind_m_s
         mean_wind = None if wind is None else wind.mean(axis=0)
         next_xy = SourceSeeker(area, radius_m=request.radius_m).next_place(
-            search, _place(request.next_from), mean_wind
+            search, place_of(request.next_from, "--next-from"), mean_wind
         )
     return StatedSource(place, belief.spread_m, probability, belief.share, next_xy)
-
-
-def _place(text: str) -> FloatArray:
-    """Read easting and northing with a comma between."""
-    parts = text.split(",")
-    try:
-        place = np.array([float(part) for part in parts])
-    except ValueError:
-        place = np.zeros(0)
-    if place.shape != (2,) or not np.isfinite(place).all():
-        raise ConfigError(
-            f"--next-from {text!r} is no place; give easting and northing in metres with a comma between, such as 500010,6700020."
-        )
-    return place
 
 
 def _inputs(request: CountsRequest) -> tuple[Counts, survey.Grid, survey.SurveyArea | None]:
@@ -255,7 +241,7 @@ def _inputs(request: CountsRequest) -> tuple[Counts, survey.Grid, survey.SurveyA
             f"--half-life {request.half_life_s:g} was given; it is longer than 0 s, and needs --source plume."
         )
     if request.next_from is not None:
-        _place(request.next_from)
+        place_of(request.next_from, "--next-from")
         if request.source == "none":
             raise ConfigError("--next-from seeks a source; add --source radiation or --source plume.")
     if request.limit_per_s is not None and request.limit_per_s <= 0.0:

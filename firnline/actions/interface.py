@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import survey
-from survey.core import FirnlineError, InputError, duration_text, length_text
+from survey.core import ConfigError, FirnlineError, InputError, duration_text, length_text
 
 if TYPE_CHECKING:
     from pyproj import CRS
 
-    from survey.core.arrays import Bounds
+    from survey.core.arrays import Bounds, FloatArray
 
 Progress = Callable[[str, int, int], None]
 """Called with what is done, how many are done, and how many there are."""
@@ -34,6 +34,21 @@ _DRY_RUN = "nothing was written (--dry-run)"
 
 def no_progress(what: str, done: int, total: int) -> None:
     """Report nothing."""
+
+
+def place_of(text: str, option: str) -> "FloatArray":
+    """Return easting and northing (2,) [m] of a text with a comma between."""
+    import numpy as np
+
+    try:
+        place = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        place = np.zeros(0)
+    if place.shape != (2,) or not np.isfinite(place).all():
+        raise ConfigError(
+            f"{option} {text!r} is no place; give easting and northing in metres with a comma between, such as 500010,6700020."
+        )
+    return place
 
 
 class Parameter:

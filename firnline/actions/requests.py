@@ -400,6 +400,75 @@ class CountsRequest(PictureOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RerouteRequest(PictureOptions):
+    """Route of a rover that is to be changed around hazards in the points that it has seen."""
+
+    route: Annotated[
+        Path, Argument(help="Route of one rover: GeoJSON, GeoPackage, KML or another format of plan.")
+    ]
+    points: Annotated[
+        Path,
+        Argument(
+            help="Points of the last scans (LAS, LAZ, PLY, CSV); the columns origin_x_m, origin_y_m and origin_z_m say where the scanner stood."
+        ),
+    ]
+    at: Annotated[
+        str | None,
+        Option(
+            "--at",
+            metavar="EASTING,NORTHING",
+            help="Place of the rover in the CRS of the route [m]; the start of the route when left out.",
+        ),
+    ] = None
+    area: Annotated[
+        Path | None,
+        Option("--area", help="Polygon file of the ground that may be driven; without it, all within reach."),
+    ] = None
+    max_slope_deg: Annotated[
+        float, Option("--max-slope", min=0.1, max=89.0, help="Steepest slope that the rover can stand [deg].")
+    ] = 25.0
+    base_m: Annotated[
+        float,
+        Option("--base", min=0.25, help="Base of slopes and steps, about the length of the rover [m]."),
+    ] = 1.0
+    clearance_m: Annotated[
+        float, Option("--clearance", min=0.25, help="Distance kept from steep ground [m].")
+    ] = 1.1
+    accepted: Annotated[
+        float,
+        Option(
+            "--accepted",
+            min=0.001,
+            max=0.5,
+            help="Probability of steep ground that is accepted near the rover.",
+        ),
+    ] = 0.1
+    reach_m: Annotated[
+        float,
+        Option(
+            "--reach",
+            min=10.0,
+            max=60.0,
+            help="Distance from the rover within which the route is changed [m].",
+        ),
+    ] = 30.0
+    crs: Annotated[
+        str | None,
+        Option(
+            "--crs", help="CRS of the points, where the file names none; that of the route when left out."
+        ),
+    ] = None
+    sigma_m: Annotated[
+        float,
+        Option("--sigma", min=0.001, help="Standard deviation of heights, for files that state none [m]."),
+    ] = 0.05
+    out: Annotated[Path, Option("--out", "-o", help="Folder for route, probability, picture and facts.")] = (
+        Path("reroute")
+    )
+    force: Annotated[bool, Option("--force", help="Replace an existing result.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunRequest(RunOptions):
     """Mission to run, or to continue where it was stopped."""
 

@@ -1,4 +1,4 @@
-"""Commands that plan a survey: ``plan``, ``export`` and ``desk``."""
+"""Commands that plan a survey: ``plan``, ``reroute``, ``export`` and ``desk``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,9 +7,10 @@ import typer
 
 from firnline import actions
 from firnline.actions.plan_request import PlanRequest
+from firnline.actions.requests import RerouteRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
-from firnline.cli.request import DryRun, Printing, SurveyStep, perform, with_options_of
+from firnline.cli.request import DryRun, Json, Printing, Quiet, SurveyStep, perform, with_options_of
 from survey.core import ConfigError, InputError
 
 
@@ -90,6 +91,28 @@ def export(request: actions.ExportRequest, dry_run: DryRun = False) -> None:
 
 
 @with_exit_codes
+@with_options_of(RerouteRequest)
+def reroute(
+    request: RerouteRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
+) -> None:
+    """Change the route of a rover around hazards in the points that it has seen.
+
+    Steep ground, steps, and gaps whose bottom cannot be seen are avoided where the route ahead crosses them; parts of
+    swaths that no way reaches, or only a long one, are left out.
+
+    For example:
+
+      firnline reroute route.geojson scans.laz --at 500010,6700020
+
+      firnline reroute route.geojson scans.csv --max-slope 20 --base 1.5 --clearance 1.2 --area site.gpkg
+
+    Written are route.geojson (what is left of the route), probability.tif (that the rover would stand on ground beyond
+    the limit), reroute.json, and the picture reroute.png.
+    """
+    perform(actions.reroute, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
+
+
+@with_exit_codes
 def desk(
     source: Annotated[
         Path | None,
@@ -141,5 +164,5 @@ def desk(
     serve(source, port=port, opens_browser=not no_browser, demo=demo, background=background)
 
 
-COMMANDS = {SurveyStep.PLAN: (desk, plan), SurveyStep.READ: (export,)}
+COMMANDS = {SurveyStep.PLAN: (desk, plan, reroute), SurveyStep.READ: (export,)}
 """Commands by the step of a survey that they belong to."""

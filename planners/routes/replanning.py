@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from shapely import LineString, Point
 
 from planners.routes.fleet import share
 from planners.routes.rover import Rover
@@ -106,6 +107,16 @@ def _shared(
         axes=[leg.axis for leg in left],
         turning=rover,
     )
+
+
+def rest_of(route: Route, at: FloatArray) -> Route:
+    """Return what is left of a route of one rover that is at a place (2,) [m], from the nearest place of the route on."""
+    if route.n_rovers > 1:
+        raise InputError(f"the route is of {route.n_rovers} rovers; give the route of one.")
+    path = LineString(route.path())
+    _, left = _split(route.legs, min(path.project(Point(at)), path.length - _SHORTEST_M))
+    first = replace(left[0], xy=np.vstack([at, left[0].xy[1:]]), axis=None)
+    return replace(route, legs=(first, *left[1:]), prediction={})
 
 
 def remaining_swaths(route: Route, loss: Loss) -> tuple[Leg, ...]:

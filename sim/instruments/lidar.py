@@ -217,7 +217,9 @@ class TurningScanner:
             pose.crs,
         )
         turning = Slerp(still.time_s, Rotation.from_quat(still.quaternion))
-        found = _turn(self._setup._replace(motion=still, turning=turning), 0, float(still.time_s[0]), self._rng)
+        found = _turn(
+            self._setup._replace(motion=still, turning=turning), 0, float(still.time_s[0]), self._rng
+        )
         nominal = scanner_of(self._setup.config).rays()[found.column, found.beam]
         return 1e-3 * found.range_mm[:, None] * nominal + (0.0, 0.0, self._setup.config.height_m)
 

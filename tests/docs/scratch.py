@@ -11,6 +11,7 @@
 | cover.gpkg | polygons of ice and rock |
 | scans | two LiDAR scans of a few square metres |
 | weather.csv | air temperature along four lines |
+| line.geojson, seen.csv | a swath across a ditch, and the points that a scanner saw there |
 | gamma.csv | counts of radiation on eight lines |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 | 2026.laz, 2024.laz | point clouds of two surveys |
@@ -23,7 +24,7 @@ import pyproj
 import shapely
 
 from sim.instruments.counter import RadiationWorld
-from survey import Dem, Grid, SurfacePoints, SurveyArea
+from survey import Dem, Grid, Leg, Route, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.io.raster import write_raster
 from survey.io.vector import write_features
@@ -70,6 +71,19 @@ def make_scratch(folder: Path) -> None:
     _write_weather(folder / "weather.csv", rng)
     _write_clouds(folder, rng)
     _write_counts(folder / "gamma.csv")
+    write_ditch(folder)
+
+
+def write_ditch(folder: Path) -> None:
+    """Write a swath across a ditch 0.8 m wide that ends beside it, and points of the ground within 25 m."""
+    rng = np.random.default_rng(12)
+    xy = rng.uniform((-2.0, -9.0), (24.0, 9.0), (50_000, 2))
+    z = 800.0 + 0.05 * xy[:, 0] + 0.02 * rng.standard_normal(len(xy))
+    z[(np.abs(xy[:, 0] - 12.0) < 0.4) & (xy[:, 1] < 3.0)] -= 1.5
+    seen = np.column_stack([WEST + xy[:, 0], SOUTH + xy[:, 1], z])
+    np.savetxt(folder / "seen.csv", seen, "%.2f", delimiter=",", header="x_m,y_m,z_m", comments="")
+    swath = Leg("swath", [[WEST, SOUTH], [WEST + 22.0, SOUTH]])
+    Route((swath,), CRS, "line").write(folder / "line.geojson")
 
 
 def _write_counts(path: Path) -> None:

@@ -34,6 +34,7 @@ from papers.studies import replacing_study, study
 from sim.mission.runs import json_schema
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.text import round_number
+from tests.docs.scratch import write_ditch
 from tests.vision_slam.rendered import chessboard_images
 
 CRS = "EPSG:32608"
@@ -113,6 +114,7 @@ def write_inputs(folder: Path) -> None:
     (folder / "gnss.csv").write_text("\n".join(["x_m,y_m,z_m", *rows]) + "\n")
     warm = [f"{x:.2f},{y:.2f},{-4.0 + np.sin(x / 50.0):.4f}" for x, y in xy]
     counted = [f"{x},{y},{3 + (7 * k) % 5},10" for k, (x, y) in enumerate(xy)]
+    write_ditch(folder)
     (folder / "gamma.csv").write_text("\n".join(["easting_m,northing_m,counts,exposure_s", *counted]) + "\n")
     (folder / "log.csv").write_text("\n".join(["easting_m,northing_m,air_temperature", *warm]) + "\n")
     (folder / "mine.toml").write_text(MISSION)
@@ -208,6 +210,12 @@ DOORS = {
         ("gamma.csv", "--crs", "EPSG:32608", "--grid", "8", "-o", "gamma"),
         lambda: actions.count_map(
             actions.CountsRequest(counts=Path("gamma.csv"), crs="EPSG:32608", grid=8.0, out=Path("gamma"))
+        ),
+    ),
+    "reroute": Door(
+        ("line.geojson", "seen.csv", "-o", "around"),
+        lambda: actions.reroute(
+            actions.RerouteRequest(route=Path("line.geojson"), points=Path("seen.csv"), out=Path("around"))
         ),
     ),
     "score": Door(

@@ -32,6 +32,7 @@ RUNS = {
     "rehearse": "mission.toml --count 2",
     "report": "mission.toml",
     "reproduce": "glacier-fig10 -o figures",
+    "reroute": "line.geojson seen.csv",
     "run": "mission.toml",
     "score": "map.tif --checkpoints gnss.csv --class 0.1 --report accuracy",
     "score raster": "map.tif --truth lidar.tif",
