@@ -31,7 +31,7 @@ from survey.core.streams import stream
 RESULT = TABLES / "hazards_ahead.json"
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 SIDE_M, SPACING_M, MARGIN_M = 100.0, 25.0, 3.0
-N_SITES, N_REAL, FIRST_SEED = 20, 4, 7_000
+N_SITES, N_REAL, FIRST_SEED = 20, 3, 7_000
 LIDAR = LidarConfig(beams=32, columns=360, elevation_deg=(-35.0, 3.0), range_m=30.0)
 NOISY = LIDAR.model_copy(update={"range_sigma_m": 0.09, "spray_share": 0.02, "divergence_deg": 0.1})
 SETTINGS = LookAheadSettings()
@@ -143,7 +143,7 @@ def measure() -> None:
     rows: dict[str, tuple[Iterator[tuple[int, Dem]], LidarConfig, PoseErrors, LookAheadSettings]] = {
         "snow, as assumed": (simulated(N_SITES), LIDAR, PoseErrors(), SETTINGS),
         "debris, differs": (simulated(N_SITES, differs=True), NOISY, wrong, SETTINGS),
-        "snow, without foresight": (simulated(N_SITES // 2), LIDAR, PoseErrors(), REACTIVE),
+        "snow, without foresight": (simulated(8), LIDAR, PoseErrors(), REACTIVE),
     }
     for folder in REAL:
         rows[f"real ground: {folder}"] = (
