@@ -236,8 +236,17 @@ class LookAhead:
         Returns
         -------
         Dem
-            1 where a gap may be, NaN where nothing was seen.
+            At least 0.5 where a gap may be, NaN where nothing was seen.
+
+        Raises
+        ------
+        InputError
+            Nothing was seen: returns are too sparse.
         """
+        if not self._is_seen.any():
+            raise InputError(
+                f"no node of {SAMPLE_M} m holds three returns; give denser points, such as the scans of the last metres."
+            )
         xmin, ymin, xmax, ymax = self._seen.window.bounds
         shown = np.where(
             self._is_seen,

@@ -10,7 +10,8 @@ import shapely
 import survey
 from firnline.actions.interface import Preview, WrittenResult, place_of, previewed_by, refuse_existing
 from firnline.actions.requests import RerouteRequest
-from planners.look_ahead import LookAhead, LookAheadSettings, Returns
+from planners.look_ahead import SAMPLE_M, LookAhead, LookAheadSettings, Returns
+from planners.routes.detours import densified
 from planners.routes.replanning import rest_of
 from survey.core import FloatArray, InputError, replacing_folder
 from survey.core.documents import write_json
@@ -37,7 +38,7 @@ class RerouteResult(WrittenResult):
     route : Route
         What is left of the route, with its detours as transits.
     probability : Dem
-        Probability that a rover stands on ground beyond the limit; 1 where a gap may be.
+        Probability that a rover stands on ground beyond the limit.
     area : SurveyArea
         Ground that may be driven.
     n_points : int
@@ -48,6 +49,8 @@ class RerouteResult(WrittenResult):
         Length of swaths that are left out [m].
     planned_m : float
         Length of what was left of the route before [m].
+    seen_share : float
+        Share of the changed route within reach whose ground was seen.
     """
 
     request: RerouteRequest
@@ -58,6 +61,7 @@ class RerouteResult(WrittenResult):
     n_detours: int
     skipped_m: float
     planned_m: float
+    seen_share: float
 
     def _write_files(self) -> None:
         """Write route, probability, picture and facts into a folder."""
@@ -82,6 +86,7 @@ class RerouteResult(WrittenResult):
         return {
             "n_points": self.n_points,
             "steep_share": float((known > self.request.accepted).mean()) if len(known) else 0.0,
+            "seen_share_of_route": self.seen_share,
             "n_detours": self.n_detours,
             "planned_m": self.planned_m,
             "length_m": self.route.length_m,
@@ -102,6 +107,7 @@ class RerouteResult(WrittenResult):
             f"{self.n_points} points within {self.request.reach_m:g} m of the rover: {100 * facts['steep_share']:.1f} % of the seen ground is "
             f"beyond {self.request.max_slope_deg:g}° over {self.request.base_m:g} m with more than {100 * self.request.accepted:g} %",
             f"route: {changed}; {self.planned_m:.0f} m before, {self.route.length_m:.0f} m now",
+            f"seen: the ground of {100 * self.seen_share:.0f} % of the route within reach; what was not seen counts as free",
             f"route: {self.request.out}/route.geojson",
         ]
 
@@ -160,20 +166,29 @@ def reroute(request: RerouteRequest) -> RerouteResult:
     seen = points.xyz[near]
     origins = None if points.origins is None else points.origins[near]
     rover.update(Returns(seen, origins, points.sigma_z[near]), at)
+    try:
+        probability = rover.probability_map()
+    except InputError as error:
+        raise InputError(f"{request.points}: {error}") from None
     if not rover.has_way:
         raise InputError(
             f"{request.points} shows no way from {at[0]:.1f}, {at[1]:.1f} to what is left of {request.route}; allow a steeper --max-slope or a "
             "smaller --clearance, give a larger --reach, or scan from another place."
         )
+    changed = rover.remaining_route()
+    within = densified(changed.path(), SAMPLE_M)
+    within = within[np.abs(within - at).max(axis=1) <= request.reach_m]
+    seen_share = float(np.isfinite(probability.at(within)).mean())
     return RerouteResult(
         request,
-        rover.remaining_route(),
-        rover.probability_map(),
+        changed,
+        probability,
         area,
         int(near.sum()),
         rover.n_detours,
         rover.skipped_m,
         rest.length_m,
+        seen_share,
     )
 
 

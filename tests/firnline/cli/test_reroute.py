@@ -47,6 +47,7 @@ def test_the_route_goes_around_the_ditch(site: Path, tmp_path: Path) -> None:
     assert facts["n_detours"] == 1
     assert facts["length_m"] == pytest.approx(route.length_m)
     assert "1 detours" in said
+    assert facts["seen_share_of_route"] > 0.95
     probability = Dem.read(tmp_path / "new" / "probability.tif")
     assert probability.at(np.array([[EAST + 12.0, NORTH - 5.0], [EAST + 5.0, NORTH]])) == pytest.approx(
         [1.0, 0.0], abs=0.05
