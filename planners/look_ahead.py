@@ -16,7 +16,7 @@ from shapely import LineString
 
 from planners.routes.detours import BEFORE_M, CostGrid, densified
 from survey import Dem, Grid, InputError, Leg, Route, SurveyArea
-from survey.core import BoolArray, FloatArray
+from survey.core import BoolArray, CapacityError, FloatArray
 from survey.reconstruction.line_of_sight.returns import ghosts
 from survey.reconstruction.nodes import NodeWindow
 from survey.reconstruction.seen_ground import RiseLimit, SeenGround
@@ -31,6 +31,8 @@ _NEARBY = 1.5
 _TRIGGER = 0.6
 # Waypoints are left out that are nearer to the straight way than this [m].
 _BENT_M = 0.02
+# Nodes of the area: 4 km².
+_MOST_NODES = 64_000_000
 # Scans at rest before a path without a way is given up.
 _MOST_AT_REST = 8
 # Samples of the way that the rover may go back.
@@ -125,6 +127,8 @@ class LookAhead:
     ------
     InputError
         A route of several rovers.
+    CapacityError
+        An area of more than 4 km².
 
     Notes
     -----
@@ -147,6 +151,10 @@ class LookAhead:
         xmin, ymin, xmax, ymax = area.bounds
         margin = settings.window_m
         self._site = NodeWindow.over((xmin - margin, ymin - margin, xmax + margin, ymax + margin), SAMPLE_M)
+        if (n_nodes := int(np.prod(self._site.shape))) > _MOST_NODES:
+            raise CapacityError(
+                f"the area has {n_nodes:,} nodes of {SAMPLE_M} m and {_MOST_NODES:,} can be remembered; give the part of it that is driven next."
+            )
         shapely.prepare(area.free)
         self._allowed = shapely.contains_xy(area.free, self._site.xy).reshape(self._site.shape)
         self._steep = np.zeros(self._site.shape, dtype=bool)

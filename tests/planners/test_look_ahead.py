@@ -6,7 +6,7 @@ import pytest
 from planners.look_ahead import LookAhead, LookAheadSettings, Returns
 from planners.routes.detours import CostGrid, densified
 from planners.routes.replanning import rest_of
-from survey import InputError, Leg, Route, SurveyArea
+from survey import CapacityError, InputError, Leg, Route, SurveyArea
 from survey.reconstruction.nodes import NodeWindow
 
 CRS = "EPSG:32608"
@@ -125,3 +125,8 @@ def test_a_route_of_several_rovers_is_refused() -> None:
         LookAhead(route, SurveyArea.rectangle((0, 0, 10, 10), CRS), LookAheadSettings())
     with pytest.raises(InputError, match="2 rovers"):
         rest_of(route, np.zeros(2))
+
+
+def test_an_area_that_is_too_large_to_remember_is_refused() -> None:
+    with pytest.raises(CapacityError, match="the part of it that is driven next"):
+        LookAhead(swath()[0], SurveyArea.rectangle((0, 0, 3000, 3000), CRS), LookAheadSettings())
