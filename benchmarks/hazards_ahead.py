@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pyproj import CRS
 
 from benchmarks.writer import TABLES, Run
 from planners.look_ahead import LookAheadSettings
@@ -34,6 +35,7 @@ DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared"
 SIDE_M, SPACING_M, MARGIN_M = 100.0, 25.0, 3.0
 N_SITES, N_REAL, N_WITHOUT, FIRST_SEED = 10, 2, 5, 7_000
 N_WORKERS = 2
+CRS_OF_SITES = CRS("EPSG:32608")
 LIDAR = LidarConfig(beams=32, columns=360, elevation_deg=(-35.0, 3.0), range_m=30.0)
 NOISY = LIDAR.model_copy(update={"range_sigma_m": 0.09, "spray_share": 0.02, "divergence_deg": 0.1})
 SETTINGS = LookAheadSettings()
@@ -56,7 +58,7 @@ _HARD_SHARE = (0.002, 0.08)
 
 def simulated_ice(seed: int, *, differs: bool) -> Dem:
     """Draw ice with hazards: snow, or debris with boulders."""
-    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 2.0, "EPSG:32608")
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 2.0, CRS_OF_SITES)
     relief = 0.9 * band_limited_field(grid.shape, 2.0, (40.0, 120.0), 1.5, stream(seed, "hazards ahead"))
     debris = {"surface": "debris", "boulders_per_ha": 8.0, "crevasses_per_ha": 1.0} if differs else {}
     scenery = _HARD.model_copy(update=debris)
@@ -73,7 +75,7 @@ def real_windows(folder: str) -> Iterator[Dem]:
         z = model.elevation[row : row + n + 1, column : column + n + 1]
         if z.shape != (n + 1, n + 1) or not np.isfinite(z).all():
             continue
-        grid = Grid((0.0, 0.0, n * model.step_m, n * model.step_m), model.step_m, "EPSG:32608")
+        grid = Grid((0.0, 0.0, n * model.step_m, n * model.step_m), model.step_m, CRS_OF_SITES)
         terrain = fine_terrain(Dem.on(grid, z), _PLAIN, FIRST_SEED + found).dem
         start = np.array([[MARGIN_M + 5.0, MARGIN_M + 5.0]])
         lethal = LethalGround(terrain, SETTINGS.limit)
@@ -86,7 +88,7 @@ def real_windows(folder: str) -> Iterator[Dem]:
 
 def lawnmower() -> tuple[Route, SurveyArea]:
     """Return parallel swaths over the site, and the ground that may be driven."""
-    area = SurveyArea.rectangle((MARGIN_M, MARGIN_M, SIDE_M - MARGIN_M, SIDE_M - MARGIN_M), "EPSG:32608")
+    area = SurveyArea.rectangle((MARGIN_M, MARGIN_M, SIDE_M - MARGIN_M, SIDE_M - MARGIN_M), CRS_OF_SITES)
     ends = (MARGIN_M + 5.0, SIDE_M - MARGIN_M - 5.0)
     lines = np.arange(ends[0], ends[1] + 1.0, SPACING_M)
     xy = np.array([[x, y] for k, y in enumerate(lines) for x in ends[:: 1 - 2 * (k % 2)]])
@@ -164,12 +166,16 @@ def row_of(drives: Sequence[Drive]) -> dict[str, Any]:
 
 def measure() -> None:
     """Drive all sites, and store the table."""
-    run, rows = Run.begin(measure, RESULT), dict[str, list[Drive]]()
+    run, made = Run.begin(measure, RESULT), dict[Site, Drive]()
     for site, driven in run_all(drive, sites(), engine="processes", workers=N_WORKERS):
         if driven is not None:
-            rows.setdefault(site.row, []).append(driven)
+            made[site] = driven
             print(site, driven.planned_entries, json.dumps(driven.drive[1:]), flush=True)
-    table = {name: row_of(rows[name]) for name in dict.fromkeys(site.row for site in sites()) if name in rows}
+    rows: dict[str, list[Drive]] = {}
+    for site in sites():  # the same sums in whatever order they end
+        if site in made:
+            rows.setdefault(site.row, []).append(made[site])
+    table = {name: row_of(drives) for name, drives in rows.items()}
     for name, row in table.items():
         print(name, json.dumps(row))
     run.write(
