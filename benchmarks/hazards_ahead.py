@@ -33,7 +33,7 @@ from survey.core.streams import stream
 RESULT = TABLES / "hazards_ahead.json"
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 SIDE_M, SPACING_M, MARGIN_M = 100.0, 25.0, 3.0
-N_SITES, N_REAL, N_WITHOUT, FIRST_SEED = 10, 2, 5, 7_000
+N_SITES, N_REAL, N_WITHOUT, FIRST_SEED = 10, 2, 3, 8_000
 N_WORKERS = 2
 CRS_OF_SITES = CRS("EPSG:32608")
 LIDAR = LidarConfig(beams=32, columns=360, elevation_deg=(-35.0, 3.0), range_m=30.0)

@@ -88,7 +88,7 @@ class LookAheadSettings:
     """
 
     limit: RiseLimit = field(default_factory=RiseLimit)
-    accepted: float = 0.1
+    accepted: float = 0.05
     clearance_m: float = 1.1
     horizon_m: float = 12.0
     near_m: float = 3.5
@@ -327,28 +327,30 @@ class LookAhead:
         self.path, self.on_swath = np.vstack([*done, path]), np.concatenate([*kinds, on_swath])
         return True
 
+    def _way_back(self, at: FloatArray, window: NodeWindow) -> BoolArray:
+        """Return which nodes (H, W) of a window the rover came by, a node on either side included."""
+        came = np.vstack([at, *(place for place, _ in self._driven[-_N_RECENT:])])
+        column, row = np.rint(window.coordinates(came)).astype(np.int64).T
+        within = (column >= 1) & (row >= 1) & (column < window.columns - 1) & (row < window.rows - 1)
+        found = np.zeros(window.shape, dtype=bool)
+        for south, east in np.ndindex(3, 3):
+            found[row[within] + south - 1, column[within] + east - 1] = True
+        return found
+
     def _costs(self, at: FloatArray, window: NodeWindow, share: float) -> CostGrid:
         """Return the costs of the ground in a window, by what was seen and what is remembered, with a share of the clearance."""
         settings, old = self._settings, self._seen.window
         seen, probability = window.carried(self._is_seen, old, False), window.carried(self._probability, old)
         away_m = _away_m(window, at)
         unknown = ~seen & (away_m < settings.near_m) & (_away_m(window, self._start) > settings.near_m)
-        hazard = (
-            window.carried(self._steep, self._site, False)
-            | window.carried(self._likely, old, False)
-            | unknown
-        )
-        clear_m = (
-            distance_transform_edt(~hazard) * SAMPLE_M if hazard.any() else np.full(window.shape, np.inf)
-        )
+        likely = window.carried(self._likely, old, False)
+        hazard = window.carried(self._steep, self._site, False) | likely | unknown
+        clear_m = _clear_m(hazard)
         blocked = clear_m <= share * settings.clearance_m
-        # A rover that finds itself within the clearance may leave it, and may go back where it came from.
+        # A rover that finds itself within the clearance may leave it, and may go back where it came from. What is seen now counts for more
+        # than that, as the error of its place has changed since.
         blocked &= (away_m > settings.clearance_m + SAMPLE_M) | hazard
-        came = np.vstack([at, *(place for place, _ in self._driven[-_N_RECENT:])])
-        column, row = np.rint(window.coordinates(came)).astype(np.int64).T
-        within = (column >= 1) & (row >= 1) & (column < window.columns - 1) & (row < window.rows - 1)
-        for south, east in np.ndindex(3, 3):
-            blocked[row[within] + south - 1, column[within] + east - 1] = False
+        blocked &= ~(self._way_back(at, window) & (_clear_m(likely) > 0.5 * settings.clearance_m))
         blocked |= ~window.carried(self._allowed, self._site, False)
         cost = (
             1.0
@@ -357,6 +359,14 @@ class LookAhead:
             + _PER_PROBABILITY * probability
         )
         return CostGrid(window, np.where(blocked, np.inf, cost))
+
+
+def _clear_m(hazard: BoolArray) -> FloatArray:
+    """Return the distance of every node (H, W) from the next hazard [m]."""
+    if not hazard.any():
+        return np.full(hazard.shape, np.inf)
+    clear: FloatArray = distance_transform_edt(~hazard) * SAMPLE_M
+    return clear
 
 
 def _away_m(window: NodeWindow, at: FloatArray) -> FloatArray:

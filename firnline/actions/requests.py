@@ -442,7 +442,7 @@ class RerouteRequest(PictureOptions):
             max=0.5,
             help="Probability of steep ground that is accepted near the rover.",
         ),
-    ] = 0.1
+    ] = 0.05
     reach_m: Annotated[
         float,
         Option(
