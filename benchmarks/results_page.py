@@ -109,11 +109,17 @@ def commit_of(one: Stored, state: str) -> str:
     return f"**{commit}**" if state == FRESH else commit
 
 
+def _rows_with_bars(one: Stored) -> Sequence[Mapping[str, Any]]:
+    """Return the rows of a table that are judged by a bar; tables of named rows have none."""
+    rows = one.content.get("rows", ())
+    return rows if isinstance(rows, list) else ()
+
+
 def _missed_bars(stored: Iterable[Stored]) -> str:
     """Return how many rows with a bar miss it, and in which tables."""
     missed, judged = [], 0
     for one in stored:
-        held = [row["holds"] for row in one.content.get("rows", ()) if row["holds"] is not None]
+        held = [row["holds"] for row in _rows_with_bars(one) if row["holds"] is not None]
         judged += len(held)
         if held.count(False):
             missed.append((one.name, held.count(False), len(held)))
@@ -154,7 +160,7 @@ def _remarks(stored: Iterable[Stored], states: Mapping[str, str]) -> str:
         older = one.content.get("remark_of")
         lines = [f"Written for the run of {older}, before this one."] if older else []
         lines += one.content.get("remark", ())
-        for row in one.content.get("rows", ()):
+        for row in _rows_with_bars(one):
             if row["holds"] is False:
                 unit = "" if row["unit"] == "1" else f" {row['unit']}".rstrip()
                 lines.append(f"Missed: {row['name']}, {row['value']:.4g}{unit} for {row['bar']}")
