@@ -66,7 +66,7 @@ class CostGrid(NamedTuple):
         blocked = self.blocked_samples(path)
         leaves = max(int(blocked[0]) - round(BEFORE_M / step_m) - 1, 0)
         if not on_swath[leaves]:
-            leaves = 0  # the way there is worth nothing: a new one begins where the rover is
+            leaves = 0  # a former detour is not kept: the new one begins where the rover is
         free = np.flatnonzero(np.isfinite(self.at(path)))
         targets = free[free > blocked[0]]
         if len(targets) == 0:
