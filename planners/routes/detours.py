@@ -6,7 +6,7 @@ grid, straightened where nothing is in the way. It joins where
 .. math::  d(s) + \lambda \, m(s)
 
 is least, with the cost d of the way that joins at the distance s along the path, the length m of the swaths that are skipped up to there, and
-λ metres of way that one of them is worth: ground that can only be reached by a long way is left out.
+λ metres of way for each of its metres: ground that can only be reached by a long way is left out.
 """
 
 from itertools import pairwise
