@@ -34,13 +34,15 @@ def pages() -> dict[str, str]:
 
 
 def stored_tables() -> dict[str, dict[str, Any]]:
-    """Return the tables in ``results/benchmarks`` by the names of their files."""
+    """Return the tables with a list of rows in ``results/benchmarks`` by the names of their files."""
     files = {
         file.stem: json.loads(file.read_text(encoding="utf-8"))
         for file in sorted(RESULTS.joinpath("benchmarks").glob("*.json"))
     }
     return {
-        name: content for name, content in files.items() if isinstance(content, dict) and "rows" in content
+        name: content
+        for name, content in files.items()
+        if isinstance(content, dict) and isinstance(content.get("rows"), list)
     }
 
 
