@@ -1,6 +1,7 @@
 """Stored tables and figures: their writer, their states, and the page that is made of them."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,18 +12,26 @@ from benchmarks.results_page import filled, pages
 from benchmarks.stored import CHANGED, FRESH, IN_PARTS, UNKNOWN, Stored, every_stored
 from benchmarks.stored_parts import stored as stored_part
 from papers.code_closure import code_of_today
+from papers.provenance import CodeState
 from papers.studies import ABOUT, STUDIES
 from survey.core.documents import read_record
 
 OF = "benchmarks.volume_intervals:measure"
+FOUND_BY_ANOTHER_PROCESS = CodeState.by_another_process
 
 
 @pytest.fixture
 def results(monkeypatch, tmp_path):
-    """Return a folder of stored tables in the place of the results."""
+    """Return a folder of stored tables in the place of the results; the state of the code is found once."""
     monkeypatch.setattr(writer, "_RUNS", [])
+    monkeypatch.setattr(CodeState, "by_another_process", code_state)
     monkeypatch.setattr("benchmarks.report.TABLES", tmp_path)
     return tmp_path
+
+
+@cache
+def code_state(function):
+    return FOUND_BY_ANOTHER_PROCESS(function)
 
 
 def measure(_quick):
