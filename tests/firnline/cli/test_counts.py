@@ -33,6 +33,7 @@ def run(log: Path, out: Path, *options: str, code: int = 0) -> str:
     return result.output
 
 
+@pytest.mark.pictures
 def test_maps_facts_and_picture_are_written_and_the_source_is_found(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "counts"
     said = run(log, out, "--source", "radiation", "--limit", "20", "--next-from", "500010,6700020")

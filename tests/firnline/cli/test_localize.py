@@ -40,6 +40,7 @@ def street(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.pictures
 def test_writes_path_and_health_of_a_foreign_sequence(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["localize", str(street), "--scale-from", "1", "-o", str(out), "-q", "--json"]
@@ -163,6 +164,7 @@ def test_refused_fixes_are_counted_and_printed(recording: Path, tmp_path: Path) 
     assert (printed["fixes"], printed["fixes_refused"]) == (30, 2)
 
 
+@pytest.mark.pictures
 def test_localizes_an_own_recording(recording: Path, tmp_path: Path) -> None:
     n = 30
     out = tmp_path / "out"
@@ -189,6 +191,7 @@ def test_localizes_an_own_recording(recording: Path, tmp_path: Path) -> None:
     assert "of its own" in wrong.stderr
 
 
+@pytest.mark.pictures
 def test_no_landmarks_are_written_where_the_path_is_that_of_the_fixes(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -208,6 +211,7 @@ def test_no_landmarks_are_written_where_the_path_is_that_of_the_fixes(
     assert not {"landmarks.csv", "landmarks.gpkg"} & names
 
 
+@pytest.mark.pictures
 def test_photographs_of_a_phone_are_localized_from_their_own_exif(street: Path, tmp_path: Path) -> None:
     photos = tmp_path / "photos"
     photos.mkdir()

@@ -36,6 +36,7 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
+@pytest.mark.pictures
 def test_rays_give_bounds_pictures_and_no_go_ground(scans: Path, tmp_path: Path) -> None:
     out = tmp_path / "map"
     code, said = run(scans, "--method", "field", "--rays", "--max-slope", 25, "--grid", 0.5, "-o", out)

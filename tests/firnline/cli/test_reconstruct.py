@@ -160,6 +160,7 @@ def test_the_share_that_a_prior_covers_is_printed_and_none_is_refused(folder: Pa
     assert "none of the 120 points lies on the prior" in said
 
 
+@pytest.mark.pictures
 def test_companions_of_an_earlier_map_disappear_and_files_of_others_stay(folder: Path) -> None:
     code, said = run("points.gpkg", "--grid", 4, "--rays", *GP)
     assert code == 0, said
@@ -229,6 +230,7 @@ def test_a_class_of_products_must_be_known_and_needs_a_prior(folder: Path) -> No
     assert (code, "copernicus-30" in said) == (4, True)
 
 
+@pytest.mark.pictures
 def test_every_map_has_pictures_and_a_next_step(folder: Path) -> None:
     code, said = run("points.gpkg", "--grid", 4, *GP)
     assert code == 0, said

@@ -24,6 +24,7 @@ def points(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_laz(folder / "a.laz", strip_points(1, 0.0, 100.0, 0.0), np.full(20_000, 7))
 
 
+@pytest.mark.pictures
 def test_a_map_in_tiles_is_written_with_its_test(points: Path, tmp_path: Path) -> None:
     xy = np.array([[20.0, 30.0], [70.0, 90.0]])
     rows = [f"{x},{y},{z},0.01" for (x, y), z in zip(xy, ground(*xy.T), strict=True)]

@@ -34,6 +34,7 @@ def run(site: Path, out: Path, *options: str, code: int = 0) -> str:
     return result.output
 
 
+@pytest.mark.pictures
 def test_the_route_goes_around_the_ditch(site: Path, tmp_path: Path) -> None:
     said = run(site, tmp_path / "new")
     names = {file.name for file in (tmp_path / "new").iterdir()}

@@ -165,6 +165,7 @@ def test_change_replaces_nothing_without_force_and_no_file_of_others(site: Path)
     assert "contains the input" in output_of(*args[:-1], ".", "--force", code=3)
 
 
+@pytest.mark.pictures
 def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     args = _surveys(site)
     output_of(*args)
@@ -178,6 +179,7 @@ def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == old
 
 
+@pytest.mark.pictures
 def test_the_pictures_of_a_change_and_of_its_report_are_drawn_in_the_chosen_format(site: Path) -> None:
     output_of(*_surveys(site), "--pictures", "svg", "--report", "stated")
     assert [file.name for file in Path("out").glob("change.*") if file.suffix in (".png", ".svg")] == [
