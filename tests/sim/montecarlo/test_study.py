@@ -3,14 +3,16 @@
 import csv
 import socket
 import threading
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
+from sim.montecarlo import results
 from sim.montecarlo.config import blocks_of, read_study
 from sim.montecarlo.results import read_trials, statistics
 from sim.montecarlo.study import RESULTS, run_study
@@ -19,8 +21,20 @@ from survey import Dem, Grid, reconstruct
 from survey.core.documents import read_record
 from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.executors import run_all
+from survey.reporting.rendering import picture_of
 
 STUDY = "seed = 5\n" + SMALL_STUDY.replace("swaths = [2]", "swaths = [2, 3]") + SECOND_PATTERN
+
+
+@pytest.fixture(autouse=True)
+def drawn_once(monkeypatch):
+    """Draw one picture of a study for all tests: the picture takes seven tenths of the time of a small study."""
+    monkeypatch.setattr(results, "picture_of", lambda *_: picture())
+
+
+@cache
+def picture():
+    return picture_of(Figure((6.0, 3.0)), "Curves", "Curves of a study.")
 
 
 @pytest.fixture
@@ -38,7 +52,8 @@ def tables(folder):
     return {name: (folder / name).read_bytes() for name in ("trials.parquet", "trials.csv", "summary.csv")}
 
 
-def test_a_study_makes_tables_a_summary_and_a_page(study, tmp_path):
+def test_a_study_makes_tables_a_summary_and_a_page(study, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "picture_of", picture_of)
     calls = []
     page = run_study(study, tmp_path / "out", engine="serial", watch=lambda *n: calls.append(n))
     table = pq.read_table(tmp_path / "out" / "trials.parquet")
