@@ -1,9 +1,287 @@
-"""Surface on nodes that are free in three coordinates."""
+r"""Lattice whose nodes are free in x, y and z: overhangs, serac edges and undercut walls, with standard deviations.
+
+`free_lattice` moves the nodes of a mesh (`survey.reconstruction.lattice.surface_net`) until
+
+.. math::  \sum_p \frac{(n_{f(p)} \cdot (p - \sum_k w_{pk} x_k))^2}{n^T C_p n + \rho^2}
+    + \frac{1}{\tau^2} \sum_i (n_i \cdot (\bar x_{N(i)} - x_i))^2
+
+is least: the distances of the points from their facets f(p) along the normals, weighted by the covariances :math:`C_p` of the
+points and the roughness ρ that is finer than the nodes, and the bending energy of a thin plate, the distance of each node from
+the mean of its neighbours along the normal. Gauss-Newton steps move each node along its normal and associate the points again; between the steps
+nodes slide along the surface towards the means of their neighbours, so that they stay evenly spaced (the EMap paper, section 7, lets
+nodes free in x and y). The scales τ and ρ are those of greatest restricted likelihood, by the fixed point of MacKay (1992).
+
+The standard deviation along the normal is that of the posterior of the linearised problem and the roughness; blocks of
+points that are left out scale it.
+"""
+
+from typing import NamedTuple
+
 import numpy as np
-def beam_covariance(xyz, origins, range_sigma_m, beam_sigma_deg):
-    ray = xyz - origins
+import numpy.typing as npt
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import SuperLU, splu
+
+from survey.core import BoolArray, FloatArray, InputError, IntArray, stream
+from survey.data import SurfacePoints
+from survey.reconstruction.lattice.calibration import left_out_blocks, likeliest_factors
+from survey.reconstruction.lattice.free_surface import FreeSurface, facet_normals, nearest_facets
+from survey.reconstruction.lattice.surface_net import cell_numbers, surface_net
+from survey.reconstruction.terrain_map import SIGMAS_95
+
+_N_STEPS, _N_DRAWS, _N_DRAWS_LEARNING = 6, 64, 16
+_FARTHEST_IN_STEPS, _LONGEST_MOVE = 2.0, 0.5
+_SLIDE = 0.3
+_OUTLIER_SIGMAS = 4.0
+_PRIOR_POINTS = 6.0
+_N_FOLDS, _BLOCK_SHARE, _SINGLE_SHARE, _BLOCK_IN_STEPS = 2, 0.15, 0.05, 4.0
+_N_LEAST = 40
+
+
+def beam_covariance(
+    xyz: npt.ArrayLike, origins: npt.ArrayLike, range_sigma_m: float, beam_sigma_deg: float
+) -> FloatArray:
+    """Return the covariance of each point of a scan (P, 3, 3) [m²] from the errors along and across its ray.
+
+    Parameters
+    ----------
+    xyz, origins : (P, 3) array_like
+        Points and places of the scanner [m].
+    range_sigma_m : float
+        Standard deviation of a range [m].
+    beam_sigma_deg : float
+        Standard deviation of the direction within the beam [deg]; about a quarter of the width of a beam.
+
+    Returns
+    -------
+    (P, 3, 3) ndarray
+        Covariances [m²], as `survey.SurfacePoints` has them.
+
+    Examples
+    --------
+    >>> beam_covariance([[10.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], 0.02, 0.1)[0].diagonal().round(5)
+    array([0.0004, 0.0003, 0.0003])
+    """
+    ray = np.asarray(xyz, dtype=np.float64) - np.asarray(origins, dtype=np.float64)
     range_m = np.linalg.norm(ray, axis=1)
     unit = ray / range_m[:, None]
     across = range_m * np.radians(beam_sigma_deg)
     along = unit[:, :, None] * unit[:, None, :]
-    return range_sigma_m**2 * along + across[:, None, None] ** 2 * (np.eye(3) - along)
+    covariance: FloatArray = range_sigma_m**2 * along + (across**2)[:, None, None] * (np.eye(3) - along)
+    return covariance
+
+
+def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | None = None) -> FreeSurface:
+    """Estimate a surface that may overhang on nodes that are free in x, y and z.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Points with their covariances and with the places of the scanner (`SurfacePoints.origins`); see `beam_covariance`.
+    step_m : float
+        Distance between the nodes [m].
+    reach_m : float, optional
+        Greatest distance of a node from points [m], so that gaps twice as wide are closed; six steps when left out.
+
+    Returns
+    -------
+    FreeSurface
+        Nodes, triangles and standard deviations.
+
+    Raises
+    ------
+    InputError
+        Points without origins, too few points, or steps that are too small for their extent.
+
+    Notes
+    -----
+    Sharp edges are rounded over about one step; the roughness holds the error. Walls thinner than two steps may be merged. Errors
+    that all points of a scan share are in the standard deviation only where scans overlap.
+    """
+    if points.origins is None:
+        raise InputError("the points do not state where the scanner stood; add the columns origin_x_m, origin_y_m and origin_z_m.")
+    if not step_m > 0.0:
+        raise InputError(f"nodes {step_m:g} m apart are impossible; give a step above 0.")
+    datum = np.floor(points.xyz.min(axis=0))
+    xyz, origins = points.xyz - datum, points.origins - datum
+    rays = xyz - origins
+    rays = rays / np.linalg.norm(rays, axis=1)[:, None]
+    nodes, triangles = surface_net(xyz, origins, step_m, 6.0 * step_m if reach_m is None else reach_m)
+    covariance = (
+        points.covariance if points.covariance is not None else (points.sigma_z**2)[:, None, None] * np.eye(3)
+    )
+    lattice = _Lattice(nodes, triangles, xyz, rays, covariance, step_m)
+    for _ in range(_N_STEPS):
+        lattice.step()
+    return lattice.surface(datum)
+
+
+class _Linear(NamedTuple):
+    """Linearised problem of the displacements u (N,) along the normals: residual (P,) = rows u, bend (N,) = bending u.
+
+    `noise_m2` (P,): variances of the points along the normals of their facets. `is_used` (P,): points with a facet that are no outliers.
+    """
+
+    rows: csr_array
+    residual: FloatArray
+    noise_m2: FloatArray
+    is_used: BoolArray
+    bending: csr_array
+    bend: FloatArray
+
+
+class _Posterior(NamedTuple):
+    """Mean displacements (N,) and draws of their errors (N, D) [m]."""
+
+    mean: FloatArray
+    draws: FloatArray
+
+
+class _Factors(NamedTuple):
+    """Factors on the posterior's standard deviation, and on that with the roughness."""
+
+    surface: float
+    all: float
+
+
+class _Lattice:
+    """Nodes that Gauss-Newton steps move, and the scales that are learned on the way."""
+
+    def __init__(
+        self,
+        nodes: FloatArray,
+        triangles: IntArray,
+        xyz: FloatArray,
+        rays: FloatArray,
+        covariance: FloatArray,
+        step_m: float,
+    ) -> None:
+        self.nodes, self.triangles, self.step_m = nodes, triangles, step_m
+        self.xyz, self.rays, self.covariance = xyz, rays, covariance
+        edges = triangles[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2)
+        n = len(nodes)
+        links = coo_array((np.ones(len(edges)), edges.T), shape=(n, n)).tocsr()
+        links.data[:] = 1.0
+        self.mean_of_neighbours = diags_array(1.0 / links.sum(axis=1)) @ links
+        self.bending_m, self.roughness_m = 0.2 * step_m, 0.1 * step_m
+        self.number = 0
+
+    def step(self) -> None:
+        """Take one Gauss-Newton step along the normals, learn both scales, and let nodes slide along the surface."""
+        linear = self.linearised()
+        weights = np.where(linear.is_used, 1.0 / (linear.noise_m2 + self.roughness_m**2), 0.0)
+        posterior = self.solved(linear, weights, _N_DRAWS_LEARNING)
+        self.learn(linear, weights, posterior)
+        limit = _LONGEST_MOVE * self.step_m
+        normals = self.normals()
+        self.nodes = self.nodes + np.clip(posterior.mean, -limit, limit)[:, None] * normals
+        slide = self.mean_of_neighbours @ self.nodes - self.nodes
+        slide -= (slide * normals).sum(axis=1)[:, None] * normals
+        self.nodes = self.nodes + _SLIDE * slide
+
+    def normals(self) -> FloatArray:
+        """Return the unit normals of the nodes (N, 3), means of their facets' by area."""
+        a, b, c = (self.nodes[column] for column in self.triangles.T)
+        areas = np.cross(b - a, c - a)
+        total = np.zeros_like(self.nodes)
+        for column in self.triangles.T:
+            for axis in range(3):
+                total[:, axis] += np.bincount(column, areas[:, axis], len(total))
+        return total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]
+
+    def linearised(self) -> _Linear:
+        """Associate the points with facets, and linearise distances and bending about the present nodes."""
+        normals, n = self.normals(), len(self.nodes)
+        facet, weights = nearest_facets(
+            self.nodes, self.triangles, self.xyz, self.rays, _FARTHEST_IN_STEPS * self.step_m
+        )
+        corners, across = self.triangles[facet], facet_normals(self.nodes, self.triangles)[facet]
+        residual = ((self.xyz - (weights[:, :, None] * self.nodes[corners]).sum(axis=1)) * across).sum(axis=1)
+        values = weights * (normals[corners] * across[:, None]).sum(axis=2)
+        index = np.repeat(np.arange(len(self.xyz)), 3)
+        rows = csr_array((values.ravel(), (index, corners.ravel())), shape=(len(self.xyz), n))
+        noise_m2 = np.einsum("pi,pij,pj->p", across, self.covariance, across)
+        spread = np.sqrt(noise_m2 + self.roughness_m**2)
+        usual = max(1.0, float(np.median(np.abs(residual[facet >= 0]) / spread[facet >= 0])) / 0.6745)
+        is_used = (facet >= 0) & (np.abs(residual) <= _OUTLIER_SIGMAS * usual * spread)
+        links = self.mean_of_neighbours.tocoo()
+        alike = (normals[links.row] * normals[links.col]).sum(axis=1)
+        bending = (csr_array((links.data * alike, (links.row, links.col)), shape=(n, n)) - eye_array(n)).tocsr()
+        bend = ((self.mean_of_neighbours @ self.nodes - self.nodes) * normals).sum(axis=1)
+        return _Linear(rows, residual, noise_m2, is_used, bending, bend)
+
+    def solved(self, linear: _Linear, weights: FloatArray, n_draws: int) -> _Posterior:
+        """Solve for the displacements, and draw their errors by perturbed right-hand sides (Papandreou and Yuille 2010)."""
+        rows, bending, tau = linear.rows, linear.bending, self.bending_m
+        precision = rows.T @ (diags_array(weights) @ rows) + bending.T @ bending / tau**2
+        ridge = 1e-6 / tau**2 * eye_array(len(self.nodes))
+        factor: SuperLU = splu(
+            (precision + ridge).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        mean = factor.solve(rows.T @ (weights * linear.residual) - bending.T @ linear.bend / tau**2)
+        rng = stream(self.number, "free lattice", "draws")
+        of_points = rows.T @ (np.sqrt(weights)[:, None] * rng.standard_normal((len(weights), n_draws)))
+        of_bending = bending.T @ rng.standard_normal((len(self.nodes), n_draws)) / tau
+        return _Posterior(mean, factor.solve(of_points + of_bending))
+
+    def learn(self, linear: _Linear, weights: FloatArray, posterior: _Posterior) -> None:
+        """Set bending and roughness to the fixed point of their restricted likelihood."""
+        n = len(self.nodes)
+        bent = linear.bend + linear.bending @ posterior.mean
+        lost = float(((linear.bending @ posterior.draws) ** 2).sum(axis=0).mean()) / self.bending_m**2
+        used = weights > 0.0
+        left = linear.residual - linear.rows @ posterior.mean
+        n_free = used.sum() - float((weights[:, None] * (linear.rows @ posterior.draws) ** 2).sum(axis=0).mean())
+        excess = float((left[used] ** 2).sum()) / max(n_free, 1.0) - float(linear.noise_m2[used].mean())
+        self.roughness_m = max(float(np.sqrt(max(excess, 0.0))), 1e-3 * self.step_m)
+        self.bending_m = float(np.sqrt((bent**2).sum() / max(n - lost, 0.05 * n)))
+
+    def surface(self, datum: FloatArray) -> FreeSurface:
+        """Return nodes, standard deviations and support, with places counted from the datum (3,) [m]."""
+        linear = self.linearised()
+        weights = np.where(linear.is_used, 1.0 / (linear.noise_m2 + self.roughness_m**2), 0.0)
+        posterior = self.solved(linear, weights, _N_DRAWS)
+        rough_m2 = self.roughness_about(linear, posterior)
+        factors = self.calibrated(linear, weights, rough_m2)
+        sigma = factors.all * np.sqrt(factors.surface**2 * (posterior.draws**2).mean(axis=1) + rough_m2)
+        touched = linear.rows.T @ linear.is_used.astype(np.float64) != 0.0
+        normals = self.normals()
+        nodes = self.nodes + posterior.mean[:, None] * normals
+        return FreeSurface(
+            nodes + datum, self.triangles, normals, sigma, touched, self.step_m, self.bending_m, self.roughness_m, factors.all
+        )
+
+    def roughness_about(self, linear: _Linear, posterior: _Posterior) -> FloatArray:
+        """Return the variance about each node (N,) that the noise of the points does not explain [m²]."""
+        left = linear.residual - linear.rows @ posterior.mean
+        share = linear.rows.T.maximum(0.0) @ diags_array(linear.is_used.astype(np.float64))
+        excess = share @ (left**2 - linear.noise_m2) + _PRIOR_POINTS * self.roughness_m**2
+        count = share.sum(axis=1) + _PRIOR_POINTS
+        near = self.mean_of_neighbours
+        smooth: FloatArray = (excess + near @ excess) / (count + near @ count)
+        return np.maximum(smooth, self.roughness_m**2)
+
+    def calibrated(self, linear: _Linear, weights: FloatArray, rough_m2: FloatArray) -> _Factors:
+        """Leave out blocks and single points, and return factors that would have held for them."""
+        numbers = cell_numbers(self.xyz, self.step_m)
+        one_per_cell = np.zeros(len(numbers), dtype=bool)
+        one_per_cell[np.unique(numbers, return_index=True)[1]] = True
+        blocks, singles = [], []
+        noise_m2 = linear.noise_m2 + linear.rows @ rough_m2
+        for k in range(_N_FOLDS):
+            in_blocks = left_out_blocks(self.xyz, _BLOCK_IN_STEPS * self.step_m, _BLOCK_SHARE, k)
+            single = stream(k, "free lattice", "points left out").random(len(weights)) < _SINGLE_SHARE
+            posterior = self.solved(linear, np.where(in_blocks | single, 0.0, weights), _N_DRAWS_LEARNING)
+            error = linear.residual - linear.rows @ posterior.mean
+            variance = ((linear.rows @ posterior.draws) ** 2).mean(axis=1)
+            table = np.column_stack([error, variance, noise_m2])
+            counted = linear.is_used & one_per_cell
+            blocks.append(table[counted & in_blocks])
+            singles.append(table[linear.is_used & single & ~in_blocks])
+        factors = likeliest_factors(*np.vstack(blocks).T)
+        error, variance, noise = np.vstack(singles).T
+        if len(error) < _N_LEAST:
+            return _Factors(factors.surface, 1.0)
+        ratio = np.abs(error) / np.sqrt(factors.surface**2 * variance + noise)
+        print(factors, np.quantile(ratio, 0.95), len(error))
+        return _Factors(factors.surface, max(float(np.quantile(ratio, 0.95)) / SIGMAS_95, 1.0))

@@ -91,7 +91,7 @@ def surface_net(
 
 def _patches(xyz: FloatArray, origins: FloatArray, step_m: float) -> Patches:
     """Average points over cells of half a step, and estimate normals and areas from the nearest ten."""
-    _, cell, count = np.unique(_cell_numbers(xyz, 0.5 * step_m), return_inverse=True, return_counts=True)
+    _, cell, count = np.unique(cell_numbers(xyz, 0.5 * step_m), return_inverse=True, return_counts=True)
     if len(count) <= _N_NEIGHBOURS:
         raise InputError(
             f"{len(xyz)} points in {len(count)} places are too few for a surface; give more points or a smaller step."
@@ -109,7 +109,7 @@ def _patches(xyz: FloatArray, origins: FloatArray, step_m: float) -> Patches:
     return Patches(places, normals, rays, np.pi * radius**2 / _N_NEIGHBOURS)
 
 
-def _cell_numbers(xyz: FloatArray, side_m: float) -> IntArray:
+def cell_numbers(xyz: FloatArray, side_m: float) -> IntArray:
     """Return one number for the cubic cell of each point (P,)."""
     i, j, k = np.floor((xyz - xyz.min(axis=0)) / side_m).astype(np.int64).T
     numbers: IntArray = (i * (j.max() + 1) + j) * (k.max() + 1) + k
