@@ -24,18 +24,21 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from survey.core import BoolArray, FloatArray, InputError, IntArray, stream
 from survey.data import SurfacePoints
-from survey.reconstruction.lattice.calibration import left_out_blocks, likeliest_factors
+from survey.reconstruction.lattice.calibration import left_out_blocks
 from survey.reconstruction.lattice.free_surface import FreeSurface, facet_normals, nearest_facets
 from survey.reconstruction.lattice.surface_net import cell_numbers, surface_net
 from survey.reconstruction.terrain_map import SIGMAS_95
 
-_N_STEPS, _N_DRAWS, _N_DRAWS_LEARNING = 6, 64, 16
+_STRIDES = (8, 8, 4, 2)
+_N_STEPS, _N_DRAWS, _N_DRAWS_LEARNING = len(_STRIDES), 64, 16
 _FARTHEST_IN_STEPS, _LONGEST_MOVE = 2.0, 0.5
+_TAIL = 4.0
 _SLIDE = 0.3
 _OUTLIER_SIGMAS = 4.0
 _PRIOR_POINTS = 6.0
 _N_FOLDS, _BLOCK_SHARE, _SINGLE_SHARE, _BLOCK_IN_STEPS = 2, 0.15, 0.05, 4.0
 _N_LEAST = 40
+_LEAST_OF_SCAN = 3.0
 
 
 def beam_covariance(
@@ -110,10 +113,25 @@ def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | N
     covariance = (
         points.covariance if points.covariance is not None else (points.sigma_z**2)[:, None, None] * np.eye(3)
     )
-    lattice = _Lattice(nodes, triangles, xyz, rays, covariance, step_m)
-    for _ in range(_N_STEPS):
-        lattice.step()
-    return lattice.surface(datum)
+    _, scan = np.unique(origins, axis=0, return_inverse=True)
+    lattice = _Lattice(nodes, triangles, step_m)
+    data = _Data(xyz, rays, covariance, scan.ravel())
+    for k in range(_N_STEPS):
+        lattice.step(data.every(_STRIDES[k]))
+    return lattice.surface(data, datum)
+
+
+class _Data(NamedTuple):
+    """Points (P, 3) [m], unit rays (P, 3), covariances (P, 3, 3) [m²], and numbers of their scans (P,)."""
+
+    xyz: FloatArray
+    rays: FloatArray
+    covariance: FloatArray
+    scan: IntArray
+
+    def every(self, stride: int) -> "_Data":
+        """Return one point of so many."""
+        return _Data(*(column[::stride] for column in self))
 
 
 class _Linear(NamedTuple):
@@ -148,27 +166,20 @@ class _Lattice:
     """Nodes that Gauss-Newton steps move, and the scales that are learned on the way."""
 
     def __init__(
-        self,
-        nodes: FloatArray,
-        triangles: IntArray,
-        xyz: FloatArray,
-        rays: FloatArray,
-        covariance: FloatArray,
-        step_m: float,
+        self, nodes: FloatArray, triangles: IntArray, step_m: float
     ) -> None:
         self.nodes, self.triangles, self.step_m = nodes, triangles, step_m
-        self.xyz, self.rays, self.covariance = xyz, rays, covariance
         edges = triangles[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2)
         n = len(nodes)
         links = coo_array((np.ones(len(edges)), edges.T), shape=(n, n)).tocsr()
         links.data[:] = 1.0
         self.mean_of_neighbours = diags_array(1.0 / links.sum(axis=1)) @ links
         self.bending_m, self.roughness_m = 0.2 * step_m, 0.1 * step_m
-        self.number = 0
+        self.softness = np.ones(n)
 
-    def step(self) -> None:
+    def step(self, data: _Data) -> None:
         """Take one Gauss-Newton step along the normals, learn both scales, and let nodes slide along the surface."""
-        linear = self.linearised()
+        linear = self.linearised(data)
         weights = np.where(linear.is_used, 1.0 / (linear.noise_m2 + self.roughness_m**2), 0.0)
         posterior = self.solved(linear, weights, _N_DRAWS_LEARNING)
         self.learn(linear, weights, posterior)
@@ -189,18 +200,18 @@ class _Lattice:
                 total[:, axis] += np.bincount(column, areas[:, axis], len(total))
         return total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]
 
-    def linearised(self) -> _Linear:
+    def linearised(self, data: _Data) -> _Linear:
         """Associate the points with facets, and linearise distances and bending about the present nodes."""
         normals, n = self.normals(), len(self.nodes)
         facet, weights = nearest_facets(
-            self.nodes, self.triangles, self.xyz, self.rays, _FARTHEST_IN_STEPS * self.step_m
+            self.nodes, self.triangles, data.xyz, data.rays, _FARTHEST_IN_STEPS * self.step_m
         )
         corners, across = self.triangles[facet], facet_normals(self.nodes, self.triangles)[facet]
-        residual = ((self.xyz - (weights[:, :, None] * self.nodes[corners]).sum(axis=1)) * across).sum(axis=1)
+        residual = ((data.xyz - (weights[:, :, None] * self.nodes[corners]).sum(axis=1)) * across).sum(axis=1)
         values = weights * (normals[corners] * across[:, None]).sum(axis=2)
-        index = np.repeat(np.arange(len(self.xyz)), 3)
-        rows = csr_array((values.ravel(), (index, corners.ravel())), shape=(len(self.xyz), n))
-        noise_m2 = np.einsum("pi,pij,pj->p", across, self.covariance, across)
+        index = np.repeat(np.arange(len(data.xyz)), 3)
+        rows = csr_array((values.ravel(), (index, corners.ravel())), shape=(len(data.xyz), n))
+        noise_m2 = np.einsum("pi,pij,pj->p", across, data.covariance, across)
         spread = np.sqrt(noise_m2 + self.roughness_m**2)
         usual = max(1.0, float(np.median(np.abs(residual[facet >= 0]) / spread[facet >= 0])) / 0.6745)
         is_used = (facet >= 0) & (np.abs(residual) <= _OUTLIER_SIGMAS * usual * spread)
@@ -213,37 +224,44 @@ class _Lattice:
     def solved(self, linear: _Linear, weights: FloatArray, n_draws: int) -> _Posterior:
         """Solve for the displacements, and draw their errors by perturbed right-hand sides (Papandreou and Yuille 2010)."""
         rows, bending, tau = linear.rows, linear.bending, self.bending_m
-        precision = rows.T @ (diags_array(weights) @ rows) + bending.T @ bending / tau**2
+        stiff = diags_array(1.0 / (tau * self.softness))
+        bending, bend = (stiff @ bending).tocsr(), stiff @ linear.bend
+        precision = rows.T @ (diags_array(weights) @ rows) + bending.T @ bending
         ridge = 1e-6 / tau**2 * eye_array(len(self.nodes))
         factor: SuperLU = splu(
             (precision + ridge).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
-        mean = factor.solve(rows.T @ (weights * linear.residual) - bending.T @ linear.bend / tau**2)
-        rng = stream(self.number, "free lattice", "draws")
+        mean = factor.solve(rows.T @ (weights * linear.residual) - bending.T @ bend)
+        rng = stream(0, "free lattice", "draws")
         of_points = rows.T @ (np.sqrt(weights)[:, None] * rng.standard_normal((len(weights), n_draws)))
-        of_bending = bending.T @ rng.standard_normal((len(self.nodes), n_draws)) / tau
+        of_bending = bending.T @ rng.standard_normal((len(self.nodes), n_draws))
         return _Posterior(mean, factor.solve(of_points + of_bending))
 
     def learn(self, linear: _Linear, weights: FloatArray, posterior: _Posterior) -> None:
         """Set bending and roughness to the fixed point of their restricted likelihood."""
         n = len(self.nodes)
         bent = linear.bend + linear.bending @ posterior.mean
-        lost = float(((linear.bending @ posterior.draws) ** 2).sum(axis=0).mean()) / self.bending_m**2
+        soft = self.softness[:, None]
+        lost = float(((linear.bending @ posterior.draws / soft) ** 2).sum(axis=0).mean()) / self.bending_m**2
         used = weights > 0.0
         left = linear.residual - linear.rows @ posterior.mean
         n_free = used.sum() - float((weights[:, None] * (linear.rows @ posterior.draws) ** 2).sum(axis=0).mean())
         excess = float((left[used] ** 2).sum()) / max(n_free, 1.0) - float(linear.noise_m2[used].mean())
         self.roughness_m = max(float(np.sqrt(max(excess, 0.0))), 1e-3 * self.step_m)
-        self.bending_m = float(np.sqrt((bent**2).sum() / max(n - lost, 0.05 * n)))
+        self.bending_m = float(np.sqrt(((bent / self.softness) ** 2).sum() / max(n - lost, 0.05 * n)))
+        if _TAIL:
+            self.softness = np.sqrt((_TAIL + (bent / self.bending_m) ** 2) / (_TAIL + 1.0))
 
-    def surface(self, datum: FloatArray) -> FreeSurface:
+    def surface(self, data: _Data, datum: FloatArray) -> FreeSurface:
         """Return nodes, standard deviations and support, with places counted from the datum (3,) [m]."""
-        linear = self.linearised()
+        linear = self.linearised(data)
         weights = np.where(linear.is_used, 1.0 / (linear.noise_m2 + self.roughness_m**2), 0.0)
         posterior = self.solved(linear, weights, _N_DRAWS)
         rough_m2 = self.roughness_about(linear, posterior)
-        factors = self.calibrated(linear, weights, rough_m2)
-        sigma = factors.all * np.sqrt(factors.surface**2 * (posterior.draws**2).mean(axis=1) + rough_m2)
+        factors = self.calibrated(data, linear, weights, rough_m2)
+        shared_m2 = self.shared_by_scan(data, linear, posterior)
+        self.shared_m2=shared_m2
+        sigma = np.sqrt(factors.all**2*(factors.surface**2 * (posterior.draws**2).mean(axis=1) + rough_m2)+shared_m2)
         touched = linear.rows.T @ linear.is_used.astype(np.float64) != 0.0
         normals = self.normals()
         nodes = self.nodes + posterior.mean[:, None] * normals
@@ -261,15 +279,41 @@ class _Lattice:
         smooth: FloatArray = (excess + near @ excess) / (count + near @ count)
         return np.maximum(smooth, self.roughness_m**2)
 
-    def calibrated(self, linear: _Linear, weights: FloatArray, rough_m2: FloatArray) -> _Factors:
+    def shared_by_scan(self, data: _Data, linear: _Linear, posterior: _Posterior) -> FloatArray:
+        """Return the variance about each node (N,) of errors that all points of a scan share [m²], from where scans overlap.
+
+        The variance between the means of scans about a node, less what the points within them explain (analysis of variance),
+        over the number of scans that see the node.
+        """
+        left = linear.residual - linear.rows @ posterior.mean
+        n_scans = int(data.scan.max()) + 1
+        sums = []
+        for k in range(n_scans):
+            of_scan = diags_array((linear.is_used & (data.scan == k)).astype(np.float64))
+            share = linear.rows.T.maximum(0.0) @ of_scan
+            sums.append((share.sum(axis=1), share @ left, share @ left**2, share.power(2).sum(axis=1)))
+        count, total, squares, own = (np.stack(column) for column in zip(*sums, strict=True))
+        seen = count >= _LEAST_OF_SCAN
+        several = seen.sum(axis=0) >= 2
+        n_seen = np.maximum(seen.sum(axis=0), 1)
+        mean = np.where(seen, total / np.maximum(count, 1e-9), np.nan)[:, several]
+        within = np.where(seen, squares / np.maximum(count, 1e-9), np.nan)[:, several] - mean**2
+        of_mean = within * (own / np.maximum(count, 1e-9) ** 2)[:, several] / np.maximum(1.0 - (own / np.maximum(count, 1e-9) ** 2)[:, several], 0.2)
+        between = np.nanvar(mean, axis=0, ddof=1) - np.nanmean(of_mean, axis=0)
+        shared = max(float(between.mean()), 0.0) if several.sum() >= _N_LEAST else 0.0
+        print('shared', np.sqrt(shared), several.mean(), n_seen.mean())
+        near = self.mean_of_neighbours
+        return shared / n_seen
+
+    def calibrated(self, data: _Data, linear: _Linear, weights: FloatArray, rough_m2: FloatArray) -> _Factors:
         """Leave out blocks and single points, and return factors that would have held for them."""
-        numbers = cell_numbers(self.xyz, self.step_m)
+        numbers = cell_numbers(data.xyz, self.step_m)
         one_per_cell = np.zeros(len(numbers), dtype=bool)
         one_per_cell[np.unique(numbers, return_index=True)[1]] = True
         blocks, singles = [], []
         noise_m2 = linear.noise_m2 + linear.rows @ rough_m2
         for k in range(_N_FOLDS):
-            in_blocks = left_out_blocks(self.xyz, _BLOCK_IN_STEPS * self.step_m, _BLOCK_SHARE, k)
+            in_blocks = left_out_blocks(data.xyz, _BLOCK_IN_STEPS * self.step_m, _BLOCK_SHARE, k)
             single = stream(k, "free lattice", "points left out").random(len(weights)) < _SINGLE_SHARE
             posterior = self.solved(linear, np.where(in_blocks | single, 0.0, weights), _N_DRAWS_LEARNING)
             error = linear.residual - linear.rows @ posterior.mean
@@ -278,10 +322,12 @@ class _Lattice:
             counted = linear.is_used & one_per_cell
             blocks.append(table[counted & in_blocks])
             singles.append(table[linear.is_used & single & ~in_blocks])
-        factors = likeliest_factors(*np.vstack(blocks).T)
+        error, variance, noise = np.vstack(blocks).T
+        needed = np.sqrt(np.maximum((error / SIGMAS_95) ** 2 - noise, 0.0) / variance)
+        a = max(float(np.quantile(needed, 0.95)), 1.0) if len(error) >= _N_LEAST else 1.0
         error, variance, noise = np.vstack(singles).T
         if len(error) < _N_LEAST:
-            return _Factors(factors.surface, 1.0)
-        ratio = np.abs(error) / np.sqrt(factors.surface**2 * variance + noise)
-        print(factors, np.quantile(ratio, 0.95), len(error))
-        return _Factors(factors.surface, max(float(np.quantile(ratio, 0.95)) / SIGMAS_95, 1.0))
+            return _Factors(a, 1.0)
+        ratio = np.abs(error) / np.sqrt(variance + noise)
+        print('a',a, len(needed), 'q', np.quantile(ratio, 0.95)/1.96, len(error))
+        return _Factors(a, max(float(np.quantile(ratio, 0.95)) / SIGMAS_95, 1.0))
