@@ -15,6 +15,7 @@ The standard deviation along the normal is that of the posterior of the linearis
 points that are left out scale it.
 """
 
+import os
 from typing import NamedTuple
 
 import numpy as np
@@ -29,14 +30,16 @@ from survey.reconstruction.lattice.free_surface import FreeSurface, facet_normal
 from survey.reconstruction.lattice.surface_net import cell_numbers, surface_net
 from survey.reconstruction.terrain_map import SIGMAS_95
 
-_STRIDES = (8, 8, 4, 2)
-_N_STEPS, _N_DRAWS, _N_DRAWS_LEARNING = len(_STRIDES), 64, 16
-_FARTHEST_IN_STEPS, _LONGEST_MOVE = 2.0, 0.5
-_TAIL = 4.0
+# Sides of the cells from which one point is taken at each step.
+_CELLS_IN_STEPS = (0.5, 0.5, 0.35, 0.35, 0.25)
+_N_DRAWS, _N_DRAWS_LEARNING = 64, 16
+_FARTHEST_IN_STEPS, _LONGEST_MOVE = 3.0, 0.5
+_TAIL = float(os.environ.get('TAIL','4'))
 _SLIDE = 0.3
-_OUTLIER_SIGMAS = 4.0
+_TENSION_IN_STEPS, _MEAN_NEIGHBOURS = float(os.environ.get('TEN','3.0')), 6.0
+_HUBER, _LEAST_TRUST = 2.5, 0.3
 _PRIOR_POINTS = 6.0
-_N_FOLDS, _BLOCK_SHARE, _SINGLE_SHARE, _BLOCK_IN_STEPS = 2, 0.15, 0.05, 4.0
+_N_FOLDS, _BLOCK_SHARE, _SINGLE_SHARE, _BLOCK_IN_STEPS = 3, 0.15, 0.05, 4.0
 _N_LEAST = 40
 _LEAST_OF_SCAN = 3.0
 
@@ -116,8 +119,8 @@ def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | N
     _, scan = np.unique(origins, axis=0, return_inverse=True)
     lattice = _Lattice(nodes, triangles, step_m)
     data = _Data(xyz, rays, covariance, scan.ravel())
-    for k in range(_N_STEPS):
-        lattice.step(data.every(_STRIDES[k]))
+    for cells in _CELLS_IN_STEPS:
+        lattice.step(data.one_per_cell(cells * step_m))
     return lattice.surface(data, datum)
 
 
@@ -129,21 +132,24 @@ class _Data(NamedTuple):
     covariance: FloatArray
     scan: IntArray
 
-    def every(self, stride: int) -> "_Data":
-        """Return one point of so many."""
-        return _Data(*(column[::stride] for column in self))
+    def one_per_cell(self, side_m: float) -> "_Data":
+        """Return the first point of each cubic cell, so that near ground does not outnumber far walls."""
+        first = np.sort(np.unique(cell_numbers(self.xyz, side_m), return_index=True)[1])
+        return _Data(*(column[first] for column in self))
 
 
 class _Linear(NamedTuple):
     """Linearised problem of the displacements u (N,) along the normals: residual (P,) = rows u, bend (N,) = bending u.
 
-    `noise_m2` (P,): variances of the points along the normals of their facets. `is_used` (P,): points with a facet that are no outliers.
+    `noise_m2` (P,): variances of the points along the normals of their facets. `trust` (P,): weights of Huber, 0 for
+    points without a facet.
     """
 
     rows: csr_array
+    shares: csr_array
     residual: FloatArray
     noise_m2: FloatArray
-    is_used: BoolArray
+    trust: FloatArray
     bending: csr_array
     bend: FloatArray
 
@@ -156,10 +162,10 @@ class _Posterior(NamedTuple):
 
 
 class _Factors(NamedTuple):
-    """Factors on the posterior's standard deviation, and on that with the roughness."""
+    """Factors on the posterior's standard deviation in gaps and near points."""
 
-    surface: float
-    all: float
+    gaps: float
+    near: float
 
 
 class _Lattice:
@@ -173,14 +179,20 @@ class _Lattice:
         n = len(nodes)
         links = coo_array((np.ones(len(edges)), edges.T), shape=(n, n)).tocsr()
         links.data[:] = 1.0
-        self.mean_of_neighbours = diags_array(1.0 / links.sum(axis=1)) @ links
+        self.n_neighbours = links.sum(axis=1)
+        self.mean_of_neighbours = diags_array(1.0 / self.n_neighbours) @ links
+        once = coo_array(links)
+        first = once.row < once.col
+        ends = np.column_stack([once.row[first], once.col[first]])
+        signs = np.tile([1.0, -1.0], len(ends)) / np.sqrt(_MEAN_NEIGHBOURS)
+        self.differences = csr_array((signs, (np.repeat(np.arange(len(ends)), 2), ends.ravel())), shape=(len(ends), n))
         self.bending_m, self.roughness_m = 0.2 * step_m, 0.1 * step_m
         self.softness = np.ones(n)
 
     def step(self, data: _Data) -> None:
         """Take one Gauss-Newton step along the normals, learn both scales, and let nodes slide along the surface."""
         linear = self.linearised(data)
-        weights = np.where(linear.is_used, 1.0 / (linear.noise_m2 + self.roughness_m**2), 0.0)
+        weights = linear.trust / (linear.noise_m2 + self.roughness_m**2)
         posterior = self.solved(linear, weights, _N_DRAWS_LEARNING)
         self.learn(linear, weights, posterior)
         limit = _LONGEST_MOVE * self.step_m
@@ -210,32 +222,38 @@ class _Lattice:
         residual = ((data.xyz - (weights[:, :, None] * self.nodes[corners]).sum(axis=1)) * across).sum(axis=1)
         values = weights * (normals[corners] * across[:, None]).sum(axis=2)
         index = np.repeat(np.arange(len(data.xyz)), 3)
-        rows = csr_array((values.ravel(), (index, corners.ravel())), shape=(len(data.xyz), n))
+        shape = (len(data.xyz), n)
+        rows = csr_array((values.ravel(), (index, corners.ravel())), shape=shape)
+        shares = csr_array((weights.ravel(), (index, corners.ravel())), shape=shape)
         noise_m2 = np.einsum("pi,pij,pj->p", across, data.covariance, across)
         spread = np.sqrt(noise_m2 + self.roughness_m**2)
         usual = max(1.0, float(np.median(np.abs(residual[facet >= 0]) / spread[facet >= 0])) / 0.6745)
-        is_used = (facet >= 0) & (np.abs(residual) <= _OUTLIER_SIGMAS * usual * spread)
+        trust = np.minimum(1.0, _HUBER * usual * spread / np.maximum(np.abs(residual), 1e-12))
         links = self.mean_of_neighbours.tocoo()
         alike = (normals[links.row] * normals[links.col]).sum(axis=1)
         bending = (csr_array((links.data * alike, (links.row, links.col)), shape=(n, n)) - eye_array(n)).tocsr()
         bend = ((self.mean_of_neighbours @ self.nodes - self.nodes) * normals).sum(axis=1)
-        return _Linear(rows, residual, noise_m2, is_used, bending, bend)
+        return _Linear(rows, shares, residual, noise_m2, np.where(facet >= 0, trust, 0.0), bending, bend)
 
     def solved(self, linear: _Linear, weights: FloatArray, n_draws: int) -> _Posterior:
         """Solve for the displacements, and draw their errors by perturbed right-hand sides (Papandreou and Yuille 2010)."""
         rows, bending, tau = linear.rows, linear.bending, self.bending_m
         stiff = diags_array(1.0 / (tau * self.softness))
         bending, bend = (stiff @ bending).tocsr(), stiff @ linear.bend
-        precision = rows.T @ (diags_array(weights) @ rows) + bending.T @ bending
+        tension = 1.0 / (_TENSION_IN_STEPS * tau)
+        stretched = tension * self.differences
+        precision = rows.T @ (diags_array(weights) @ rows) + bending.T @ bending + stretched.T @ stretched
         ridge = 1e-6 / tau**2 * eye_array(len(self.nodes))
         factor: SuperLU = splu(
             (precision + ridge).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
-        mean = factor.solve(rows.T @ (weights * linear.residual) - bending.T @ bend)
+        pull = tension**2 * self.n_neighbours / _MEAN_NEIGHBOURS * linear.bend
+        mean = factor.solve(rows.T @ (weights * linear.residual) - bending.T @ bend + pull)
         rng = stream(0, "free lattice", "draws")
         of_points = rows.T @ (np.sqrt(weights)[:, None] * rng.standard_normal((len(weights), n_draws)))
         of_bending = bending.T @ rng.standard_normal((len(self.nodes), n_draws))
-        return _Posterior(mean, factor.solve(of_points + of_bending))
+        of_tension = stretched.T @ rng.standard_normal((stretched.shape[0], n_draws))
+        return _Posterior(mean, factor.solve(of_points + of_bending + of_tension))
 
     def learn(self, linear: _Linear, weights: FloatArray, posterior: _Posterior) -> None:
         """Set bending and roughness to the fixed point of their restricted likelihood."""
@@ -246,7 +264,7 @@ class _Lattice:
         used = weights > 0.0
         left = linear.residual - linear.rows @ posterior.mean
         n_free = used.sum() - float((weights[:, None] * (linear.rows @ posterior.draws) ** 2).sum(axis=0).mean())
-        excess = float((left[used] ** 2).sum()) / max(n_free, 1.0) - float(linear.noise_m2[used].mean())
+        excess = float((linear.trust * left**2).sum()) / max(n_free, 1.0) - float(linear.noise_m2[used].mean())
         self.roughness_m = max(float(np.sqrt(max(excess, 0.0))), 1e-3 * self.step_m)
         self.bending_m = float(np.sqrt(((bent / self.softness) ** 2).sum() / max(n - lost, 0.05 * n)))
         if _TAIL:
@@ -255,24 +273,25 @@ class _Lattice:
     def surface(self, data: _Data, datum: FloatArray) -> FreeSurface:
         """Return nodes, standard deviations and support, with places counted from the datum (3,) [m]."""
         linear = self.linearised(data)
-        weights = np.where(linear.is_used, 1.0 / (linear.noise_m2 + self.roughness_m**2), 0.0)
+        weights = linear.trust / (linear.noise_m2 + self.roughness_m**2)
         posterior = self.solved(linear, weights, _N_DRAWS)
         rough_m2 = self.roughness_about(linear, posterior)
         factors = self.calibrated(data, linear, weights, rough_m2)
         shared_m2 = self.shared_by_scan(data, linear, posterior)
         self.shared_m2=shared_m2
-        sigma = np.sqrt(factors.all**2*(factors.surface**2 * (posterior.draws**2).mean(axis=1) + rough_m2)+shared_m2)
-        touched = linear.rows.T @ linear.is_used.astype(np.float64) != 0.0
+        touched = linear.shares.T @ (linear.trust > _LEAST_TRUST).astype(np.float64) > 0.0
+        factor = np.where(touched, factors.near, factors.gaps)
+        sigma = np.sqrt(factor**2 * (posterior.draws**2).mean(axis=1) + factors.near**2 * rough_m2 + shared_m2)
         normals = self.normals()
         nodes = self.nodes + posterior.mean[:, None] * normals
         return FreeSurface(
-            nodes + datum, self.triangles, normals, sigma, touched, self.step_m, self.bending_m, self.roughness_m, factors.all
+            nodes + datum, self.triangles, normals, sigma, touched, self.step_m, self.bending_m, self.roughness_m, factors.near
         )
 
     def roughness_about(self, linear: _Linear, posterior: _Posterior) -> FloatArray:
         """Return the variance about each node (N,) that the noise of the points does not explain [m²]."""
         left = linear.residual - linear.rows @ posterior.mean
-        share = linear.rows.T.maximum(0.0) @ diags_array(linear.is_used.astype(np.float64))
+        share = linear.shares.T @ diags_array(linear.trust)
         excess = share @ (left**2 - linear.noise_m2) + _PRIOR_POINTS * self.roughness_m**2
         count = share.sum(axis=1) + _PRIOR_POINTS
         near = self.mean_of_neighbours
@@ -289,8 +308,8 @@ class _Lattice:
         n_scans = int(data.scan.max()) + 1
         sums = []
         for k in range(n_scans):
-            of_scan = diags_array((linear.is_used & (data.scan == k)).astype(np.float64))
-            share = linear.rows.T.maximum(0.0) @ of_scan
+            of_scan = diags_array(np.where(data.scan == k, linear.trust, 0.0))
+            share = linear.shares.T @ of_scan
             sums.append((share.sum(axis=1), share @ left, share @ left**2, share.power(2).sum(axis=1)))
         count, total, squares, own = (np.stack(column) for column in zip(*sums, strict=True))
         seen = count >= _LEAST_OF_SCAN
@@ -310,24 +329,34 @@ class _Lattice:
         numbers = cell_numbers(data.xyz, self.step_m)
         one_per_cell = np.zeros(len(numbers), dtype=bool)
         one_per_cell[np.unique(numbers, return_index=True)[1]] = True
-        blocks, singles = [], []
-        noise_m2 = linear.noise_m2 + linear.rows @ rough_m2
-        for k in range(_N_FOLDS):
+        gaps, near = [], []
+        noise_m2 = linear.noise_m2 + linear.shares @ rough_m2
+        for k, scan in enumerate(_spread(data.scan, _N_FOLDS)):
             in_blocks = left_out_blocks(data.xyz, _BLOCK_IN_STEPS * self.step_m, _BLOCK_SHARE, k)
             single = stream(k, "free lattice", "points left out").random(len(weights)) < _SINGLE_SHARE
-            posterior = self.solved(linear, np.where(in_blocks | single, 0.0, weights), _N_DRAWS_LEARNING)
+            out = in_blocks | single | (data.scan == scan)
+            posterior = self.solved(linear, np.where(out, 0.0, weights), _N_DRAWS_LEARNING)
             error = linear.residual - linear.rows @ posterior.mean
             variance = ((linear.rows @ posterior.draws) ** 2).mean(axis=1)
             table = np.column_stack([error, variance, noise_m2])
-            counted = linear.is_used & one_per_cell
-            blocks.append(table[counted & in_blocks])
-            singles.append(table[linear.is_used & single & ~in_blocks])
-        error, variance, noise = np.vstack(blocks).T
-        needed = np.sqrt(np.maximum((error / SIGMAS_95) ** 2 - noise, 0.0) / variance)
-        a = max(float(np.quantile(needed, 0.95)), 1.0) if len(error) >= _N_LEAST else 1.0
-        error, variance, noise = np.vstack(singles).T
-        if len(error) < _N_LEAST:
-            return _Factors(a, 1.0)
-        ratio = np.abs(error) / np.sqrt(variance + noise)
-        print('a',a, len(needed), 'q', np.quantile(ratio, 0.95)/1.96, len(error))
-        return _Factors(a, max(float(np.quantile(ratio, 0.95)) / SIGMAS_95, 1.0))
+            held = linear.shares.T @ ((linear.trust > _LEAST_TRUST) & ~out).astype(np.float64) > 0.0
+            in_gap = linear.shares @ (~held).astype(np.float64) > 0.5
+            gaps.append(table[out & (linear.trust > 0.0) & one_per_cell & in_gap])
+            near.append(table[out & (linear.trust > 0.0) & ~in_gap & single])
+        of_gaps, of_near = np.vstack(gaps), np.vstack(near)
+        a = q = 1.0
+        if len(of_near) >= _N_LEAST:
+            error, variance, noise = of_near.T
+            q = max(float(np.quantile(np.abs(error) / np.sqrt(variance + noise), 0.95)) / SIGMAS_95, 1.0)
+        if len(of_gaps) >= _N_LEAST:
+            error, variance, noise = of_gaps.T
+            needed = np.sqrt(np.maximum((error / SIGMAS_95) ** 2 - q**2 * noise, 0.0) / variance)
+            a = max(float(np.quantile(needed, 0.95)), 1.0)
+        print('a', a, len(of_gaps), 'q', q, len(of_near))
+        return _Factors(a, q)
+
+
+def _spread(scan: IntArray, n: int) -> IntArray:
+    """Return up to n scans (n,) that lie evenly among all; -1, none, where there is one scan alone."""
+    n_scans = int(scan.max()) + 1
+    return np.full(n, -1) if n_scans == 1 else np.linspace(0, n_scans - 1, n).round().astype(np.int64)
