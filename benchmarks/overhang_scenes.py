@@ -6,6 +6,7 @@ part, as wide pulses do. Poses err as a whole, so that all points of a scan are 
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,9 +33,22 @@ class TriangleMesh(NamedTuple):
         """Places of the three corners of each triangle (T, 3, 3) [m]."""
         return self.vertices[self.triangles]
 
-    def centroids(self) -> FloatArray:
-        """Return the centroids of the triangles (T, 3) [m]."""
-        return self.corners.mean(axis=1)
+    def section(self, y: float, step_m: float = 0.03) -> FloatArray:
+        """Return places (K, 3) about a step apart on the line in which the surface meets a plane of constant y [m]."""
+        offset = self.vertices[self.triangles, 1] - y
+        side = offset > 0.0
+        cut = np.flatnonzero(side.any(axis=1) & ~side.all(axis=1))
+        places = []
+        for f in cut:
+            ends = []
+            for a, b in ((0, 1), (1, 2), (2, 0)):
+                if side[f, a] != side[f, b]:
+                    part = offset[f, a] / (offset[f, a] - offset[f, b])
+                    first, last = self.vertices[self.triangles[f, [a, b]]]
+                    ends.append(first + part * (last - first))
+            n = max(1, round(float(np.linalg.norm(ends[1] - ends[0])) / step_m))
+            places.append(ends[0] + (np.arange(n) + 0.5)[:, None] / n * (ends[1] - ends[0]))
+        return np.vstack(places)
 
 
 class ScannerModel(NamedTuple):
@@ -63,7 +77,16 @@ def tilted_serac(rng: np.random.Generator) -> TriangleMesh:
         h = height * part
         over = lean * h
         top = length - 0.2
-        return np.array([[-HALF_M, 0.0], [0.0, 0.0], [-over, h], [top - over, h - 0.3 * part], [length, 0.0], [HALF_M, 0.0]])
+        return np.array(
+            [
+                [-HALF_M, 0.0],
+                [0.0, 0.0],
+                [-over, h],
+                [top - over, h - 0.3 * part],
+                [length, 0.0],
+                [HALF_M, 0.0],
+            ]
+        )
 
     return _sheet(section, rng)
 
@@ -76,7 +99,15 @@ def melt_notch(rng: np.random.Generator) -> TriangleMesh:
     def section(y: float) -> FloatArray:
         cut = depth + 0.2 * np.sin(0.8 * y + phase)
         return np.array(
-            [[-HALF_M, -0.2], [0.2, 0.0], [cut, 0.1], [cut, 0.35], [0.0, rise], [-0.15, height], [HALF_M, height + 0.2]]
+            [
+                [-HALF_M, -0.2],
+                [0.2, 0.0],
+                [cut, 0.1],
+                [cut, 0.35],
+                [0.0, rise],
+                [-0.15, height],
+                [HALF_M, height + 0.2],
+            ]
         )
 
     return _sheet(section, rng)
@@ -86,12 +117,23 @@ def glacier_table(rng: np.random.Generator) -> TriangleMesh:
     """Draw a slab of rock on a pedestal of ice."""
     foot, over, rise = rng.uniform(0.7, 1.0), rng.uniform(0.8, 1.2), rng.uniform(1.0, 1.4)
     thick = rng.uniform(0.4, 0.6)
-    line = np.array([[1e-3, rise + thick + 0.1], [foot + over, rise + thick], [foot + over + 0.1, rise + 0.05], [foot, rise - 0.15], [foot + 0.1, 0.15], [1.45 * HALF_M, 0.0]])
+    line = np.array(
+        [
+            [1e-3, rise + thick + 0.1],
+            [foot + over, rise + thick],
+            [foot + over + 0.1, rise + 0.05],
+            [foot, rise - 0.15],
+            [foot + 0.1, 0.15],
+            [1.45 * HALF_M, 0.0],
+        ]
+    )
     radius, z = _divided(line[::-1], 0.09)
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     r, a = np.meshgrid(radius, angle, indexing="ij")
     r = r * (1.0 + 0.06 * np.cos(3.0 * a + rng.uniform(0.0, 6.0)))
-    return _rough(np.stack([r * np.cos(a), r * np.sin(a), np.broadcast_to(z[:, None], r.shape)], axis=-1), rng)
+    return _rough(
+        np.stack([r * np.cos(a), r * np.sin(a), np.broadcast_to(z[:, None], r.shape)], axis=-1), rng
+    )
 
 
 SCENES: dict[str, Callable[[np.random.Generator], TriangleMesh]] = {
@@ -109,14 +151,27 @@ def _sheet(section: Callable[[float], FloatArray], rng: np.random.Generator) -> 
     rows = []
     for y in ys:
         line = section(float(y))
-        x, z = (np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(line[:-1, k], line[1:, k], counts, strict=True)]) for k in (0, 1))
-        rows.append(np.column_stack([np.append(x, line[-1, 0]), np.full(len(x) + 1, y), np.append(z, line[-1, 1])]))
+        x, z = (
+            np.concatenate(
+                [
+                    np.linspace(a, b, n, endpoint=False)
+                    for a, b, n in zip(line[:-1, k], line[1:, k], counts, strict=True)
+                ]
+            )
+            for k in (0, 1)
+        )
+        rows.append(
+            np.column_stack([np.append(x, line[-1, 0]), np.full(len(x) + 1, y), np.append(z, line[-1, 1])])
+        )
     return _rough(np.stack(rows, axis=1), rng)
 
 
 def _divided(line: FloatArray, step_m: float) -> tuple[FloatArray, FloatArray]:
     """Divide a line (K, 2) into pieces no longer than a step, with its corners."""
-    pieces = [np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / step_m)) + 1))[:-1] for a, b in zip(line[:-1], line[1:], strict=True)]
+    pieces = [
+        np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / step_m)) + 1))[:-1]
+        for a, b in pairwise(line)
+    ]
     return tuple(np.vstack([*pieces, line[-1:]]).T)  # type: ignore[return-value]
 
 
@@ -125,7 +180,11 @@ def _rough(grid: FloatArray, rng: np.random.Generator) -> TriangleMesh:
     places = grid.reshape(-1, 3)
     for sd, low, high, n in ((0.1, 4.0, 9.0, 12), (0.02, 0.3, 1.0, 60)):
         directions = rng.standard_normal((n, 3))
-        waves = directions / np.linalg.norm(directions, axis=1)[:, None] * (2.0 * np.pi / rng.uniform(low, high, (n, 1)))
+        waves = (
+            directions
+            / np.linalg.norm(directions, axis=1)[:, None]
+            * (2.0 * np.pi / rng.uniform(low, high, (n, 1)))
+        )
         moves = rng.standard_normal((n, 3)) * sd * np.sqrt(2.0 / n)
         places = places + np.cos(places @ waves.T + rng.uniform(0.0, 2.0 * np.pi, n)) @ moves
     index = np.arange(len(places)).reshape(grid.shape[:2])
@@ -166,12 +225,20 @@ def _height(mesh: TriangleMesh, place: FloatArray) -> float:
     return float(mesh.vertices[near, 2].max()) if near.any() else 0.0
 
 
-def _returns(mesh: TriangleMesh, scanner: ScannerModel, place: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _returns(
+    mesh: TriangleMesh, scanner: ScannerModel, place: FloatArray, rng: np.random.Generator
+) -> FloatArray:
     """Return vectors from the scanner to its returns (N, 3) [m]."""
     step = np.radians(scanner.step_deg)
-    azimuth, elevation = np.arange(0.0, 2.0 * np.pi - step / 2.0, step), np.arange(np.radians(-55.0), np.radians(45.0), step)
+    azimuth, elevation = (
+        np.arange(0.0, 2.0 * np.pi - step / 2.0, step),
+        np.arange(np.radians(-55.0), np.radians(45.0), step),
+    )
     half = np.radians(scanner.width_deg) / 2.0
-    offsets = [(0.0, 0.0), *((half * np.cos(t), half * np.sin(t)) for t in np.arange(0.0, 2.0 * np.pi, np.pi / 3.0))]
+    offsets = [
+        (0.0, 0.0),
+        *((half * np.cos(t), half * np.sin(t)) for t in np.arange(0.0, 2.0 * np.pi, np.pi / 3.0)),
+    ]
     corners = np.ascontiguousarray(mesh.corners - place)
     ranges = np.stack([cast(corners, azimuth + da, elevation + de, step) for da, de in offsets])
     ranges[ranges > scanner.reach_m] = np.nan
@@ -213,13 +280,18 @@ def cast(corners: FloatArray, azimuth: FloatArray, elevation: FloatArray, step: 
             e = np.arctan2(corner[2], np.hypot(corner[0], corner[1]))
             low_e, high_e = min(low_e, e), max(high_e, e)
         u, v = q - p, r - p
-        i0, i1 = int(np.floor((first + low_a - azimuth[0]) / step)), int(np.ceil((first + high_a - azimuth[0]) / step))
+        i0, i1 = (
+            int(np.floor((first + low_a - azimuth[0]) / step)),
+            int(np.ceil((first + high_a - azimuth[0]) / step)),
+        )
         j0 = max(0, int(np.floor((low_e - elevation[0]) / step)) - 1)
         j1 = min(n_e - 1, int(np.ceil((high_e - elevation[0]) / step)) + 1)
         for i in range(i0, i1 + 1):
             a = azimuth[i % n_a]
             for j in range(j0, j1 + 1):
-                d = np.array((np.cos(elevation[j]) * np.cos(a), np.cos(elevation[j]) * np.sin(a), np.sin(elevation[j])))
+                d = np.array(
+                    (np.cos(elevation[j]) * np.cos(a), np.cos(elevation[j]) * np.sin(a), np.sin(elevation[j]))
+                )
                 h = np.cross(d, v)
                 det = u @ h
                 if abs(det) < 1e-12:

@@ -61,8 +61,8 @@ class FreeSurface:
         Mean distance of nodes of the first mesh [m].
     bending_m, roughness_m : float
         Learned scales τ and ρ [m].
-    factor : float
-        Factor on the standard deviation from points that were left out.
+    factor, factor_in_gaps : float
+        Factors on the standard deviation of nodes with and without points, from points that were left out.
     """
 
     nodes: FloatArray
@@ -74,6 +74,7 @@ class FreeSurface:
     bending_m: float
     roughness_m: float
     factor: float
+    factor_in_gaps: float
 
     @property
     def covariance(self) -> FloatArray:
@@ -146,7 +147,9 @@ class FreeSurface:
         flat = np.column_stack([facets[:, :2] @ along, facets[:, 2]])
         inside = (ends[:, :, 0].max(axis=1) >= 0.0) & (ends[:, :, 0].min(axis=1) <= length)
         supported = self.is_supported[self.triangles[cut]].all(axis=1)
-        return VerticalSection(*(part[inside] for part in (ends[..., 0], ends[..., 1], ends[..., 2], flat, supported)))
+        return VerticalSection(
+            *(part[inside] for part in (ends[..., 0], ends[..., 1], ends[..., 2], flat, supported))
+        )
 
     def write(self, path: str | Path) -> None:
         """Write the mesh as binary PLY with ``sigma`` and ``supported`` at each vertex, which CloudCompare and QGIS open.
@@ -156,7 +159,9 @@ class FreeSurface:
         path : str or pathlib.Path
             The file, replaced where it exists.
         """
-        fields = [(name, "<f8") for name in ("x", "y", "z")] + [(name, "<f4") for name in ("nx", "ny", "nz", "sigma")]
+        fields = [(name, "<f8") for name in ("x", "y", "z")] + [
+            (name, "<f4") for name in ("nx", "ny", "nz", "sigma")
+        ]
         vertices = np.zeros(len(self.nodes), dtype=[*fields, ("supported", "u1")])
         for name, column in zip(("x", "y", "z"), self.nodes.T, strict=True):
             vertices[name] = column
@@ -194,11 +199,13 @@ def nearest_facets(
     k = min(_N_NEAREST, len(nodes))
     _, near = cKDTree(nodes).query(places, k=k)
     normals = facet_normals(nodes, triangles)
-    return _nearest(nodes, triangles, normals, first, order // 3, near.reshape(-1, k), places, rays, farthest_m)
+    return _nearest(
+        nodes, triangles, normals, first, order // 3, near.reshape(-1, k), places, rays, farthest_m
+    )
 
 
 @njit(cache=True)
-def _nearest(
+def _nearest(  # noqa: PLR0917  (numba takes no keywords)
     nodes: FloatArray,
     triangles: IntArray,
     normals: FloatArray,
@@ -224,7 +231,9 @@ def _nearest(
                 away = 0.0
                 for axis in range(3):
                     u = 1.0 - v - w
-                    away += (places[i, axis] - u * nodes[a, axis] - v * nodes[b, axis] - w * nodes[c, axis]) ** 2
+                    away += (
+                        places[i, axis] - u * nodes[a, axis] - v * nodes[b, axis] - w * nodes[c, axis]
+                    ) ** 2
                 if away < best:
                     best, facet[i] = away, f
                     weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - v - w, v, w
@@ -232,11 +241,17 @@ def _nearest(
 
 
 @njit(cache=True)
-def _on_triangle(nodes: FloatArray, a: int, b: int, c: int, places: FloatArray, i: int) -> tuple[float, float]:
+def _on_triangle(  # noqa: PLR0917  (numba takes no keywords)
+    nodes: FloatArray, a: int, b: int, c: int, places: FloatArray, i: int
+) -> tuple[float, float]:
     """Return the weights of the nodes b and c at the point of triangle a, b, c that is nearest to place i."""
     d00 = d01 = d11 = e0 = e1 = 0.0
     for axis in range(3):
-        u, v, q = nodes[b, axis] - nodes[a, axis], nodes[c, axis] - nodes[a, axis], places[i, axis] - nodes[a, axis]
+        u, v, q = (
+            nodes[b, axis] - nodes[a, axis],
+            nodes[c, axis] - nodes[a, axis],
+            places[i, axis] - nodes[a, axis],
+        )
         d00, d01, d11 = d00 + u * u, d01 + u * v, d11 + v * v
         e0, e1 = e0 + u * q, e1 + v * q
     det = d00 * d11 - d01 * d01

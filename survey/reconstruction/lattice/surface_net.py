@@ -84,7 +84,9 @@ def surface_net(
     away, _ = cKDTree(patches.places).query(nodes, distance_upper_bound=reach_m)
     quads = quads[_kept(quads, away <= reach_m, away <= step_m)]
     if not len(quads):
-        raise InputError(f"{len(xyz)} points show no surface with nodes {step_m:g} m apart; give more points or a larger step.")
+        raise InputError(
+            f"{len(xyz)} points show no surface with nodes {step_m:g} m apart; give more points or a larger step."
+        )
     used, index = np.unique(quads, return_inverse=True)
     return nodes[used], _split(nodes[used], index.reshape(-1, 4))
 
@@ -133,7 +135,8 @@ def _indicator(patches: Patches, low: FloatArray, shape: tuple[int, ...], step_m
     open_area = _PASSED * np.tile(areas, len(_BEFORE_END))[inside]
     right = rhs.ravel() + 0.5 * (open_side.T @ open_area)
     data = (
-        weights.T @ weights.multiply(_SCREEN * areas[:, None]) + open_side.T @ open_side.multiply(open_area[:, None])
+        weights.T @ weights.multiply(_SCREEN * areas[:, None])
+        + open_side.T @ open_side.multiply(open_area[:, None])
     ).tocsr()
     eigenvalues = sum(
         (2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n)).reshape([-1 if a == axis else 1 for a in range(3)])
@@ -150,7 +153,11 @@ def _indicator(patches: Patches, low: FloatArray, shape: tuple[int, ...], step_m
 
     n = int(np.prod(shape))
     f, _ = cg(
-        LinearOperator((n, n), times), right, rtol=_TOLERANCE, maxiter=_ITERATIONS, M=LinearOperator((n, n), preconditioned)
+        LinearOperator((n, n), times),
+        right,
+        rtol=_TOLERANCE,
+        maxiter=_ITERATIONS,
+        M=LinearOperator((n, n), preconditioned),
     )
     return np.asarray(f).reshape(shape)
 
