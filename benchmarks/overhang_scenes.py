@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from pyproj import CRS
 from scipy.spatial.transform import Rotation
 
 from survey.core import FloatArray, IntArray
@@ -18,7 +19,7 @@ from survey.core.streams import stream
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.free_lattice import beam_covariance
 
-CRS = "EPSG:32608"
+CRS_OF_SCENES = CRS("EPSG:32608")
 HALF_M, MESH_M = 6.0, 0.08
 
 
@@ -172,7 +173,8 @@ def _divided(line: FloatArray, step_m: float) -> tuple[FloatArray, FloatArray]:
         np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / step_m)) + 1))[:-1]
         for a, b in pairwise(line)
     ]
-    return tuple(np.vstack([*pieces, line[-1:]]).T)  # type: ignore[return-value]
+    first, second = np.vstack([*pieces, line[-1:]]).T
+    return first, second
 
 
 def _rough(grid: FloatArray, rng: np.random.Generator) -> TriangleMesh:
@@ -216,7 +218,7 @@ def scan(mesh: TriangleMesh, scanner: ScannerModel, seed: int, n_scans: int = 5)
     stated = beam_covariance(xyz, at, STATED.range_sigma_m, STATED.width_deg / 4.0)
     range_m = np.linalg.norm(xyz - at, axis=1)
     pose = STATED.place_sigma_m**2 + (range_m * np.radians(STATED.tilt_sigma_deg)) ** 2
-    return SurfacePoints(xyz, stated + pose[:, None, None] * np.eye(3), origins=at, crs=CRS)
+    return SurfacePoints(xyz, stated + pose[:, None, None] * np.eye(3), origins=at, crs=CRS_OF_SCENES)
 
 
 def _height(mesh: TriangleMesh, place: FloatArray) -> float:
@@ -246,7 +248,10 @@ def _returns(
     hit = np.isfinite(measured)
     a, e = (part.ravel()[hit] for part in np.meshgrid(azimuth, elevation, indexing="ij"))
     measured = measured[hit] + scanner.range_sigma_m * rng.standard_normal(hit.sum())
-    return measured[:, None] * np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    returns: FloatArray = measured[:, None] * np.column_stack(
+        [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]
+    )
+    return returns
 
 
 def _pulse(ranges: FloatArray, pulse_m: float) -> FloatArray:

@@ -27,7 +27,7 @@ from survey.reconstruction.lattice.free_surface import FreeSurface
 from survey.reconstruction.lattice.surface_net import cell_numbers, surface_net
 from survey.reconstruction.terrain_map import SIGMAS_95
 
-_N_STEPS, _CELL_IN_STEPS, _N_DRAWS = 5, 0.4, 64
+_N_STEPS, _CELL_IN_STEPS, _N_DRAWS = 4, 0.4, 64
 # Points with a smaller weight of Huber do not support a node.
 _LEAST_TRUST = 0.3
 # The roughness about a node is that of all points, unless more points than these differ.
@@ -92,12 +92,24 @@ def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | N
     Raises
     ------
     InputError
-        Points without origins, too few points, or steps that are too small for their extent.
+        Points without origins or at them, too few points, or steps that are too small for their extent.
 
     Notes
     -----
-    Sharp edges are rounded over about one step; the roughness holds the error. Walls thinner than two steps may be merged. Errors
-    that all points of a scan share are in the standard deviation only where scans overlap.
+    Sharp edges are rounded over about one step; the roughness holds the error. Walls thinner than two steps may be merged, and
+    small pieces, such as twigs, are left out. Errors that all points of a scan share are estimated where scans overlap, with one scan
+    they are those that the points state. Where nothing was seen within `reach_m` there is no surface.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> y, t = rng.uniform(0.0, 4.0, 6000), rng.uniform(0.0, 6.0, 6000)
+    >>> x, z = np.where(t < 3.0, -t, 3.6 - 1.2 * t), np.where(t < 3.0, 0.0, t - 3.0)  # ground below a face that overhangs
+    >>> xyz = np.column_stack([x, y, z]) + 0.01 * rng.standard_normal((6000, 3))
+    >>> points = SurfacePoints(xyz, sigma_m=0.01, origins=np.full((6000, 3), [-6.0, 2.0, 1.5]), crs="EPSG:32608")
+    >>> surface = free_lattice(points)
+    >>> bool(abs(surface.distances([[-1.8, 2.0, 1.5]]).distance_m[0]) < 0.03)
+    True
     """
     if points.origins is None:
         raise InputError(
@@ -108,7 +120,12 @@ def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | N
     datum = np.floor(points.xyz.min(axis=0))
     xyz, origins = points.xyz - datum, points.origins - datum
     rays = xyz - origins
-    rays = rays / np.linalg.norm(rays, axis=1)[:, None]
+    range_m = np.linalg.norm(rays, axis=1)
+    if (range_m == 0.0).any():
+        raise InputError(
+            f"{int((range_m == 0.0).sum())} points lie where the scanner stood; leave them out or correct the origins."
+        )
+    rays = rays / range_m[:, None]
     nodes, triangles = surface_net(xyz, origins, step_m, 6.0 * step_m if reach_m is None else reach_m)
     covariance = (
         points.covariance if points.covariance is not None else (points.sigma_z**2)[:, None, None] * np.eye(3)
@@ -162,7 +179,8 @@ def _roughness(lattice: FreeNodes, linear: LinearDistances, posterior: NodeMoves
     excess = share @ (left**2 - linear.noise_m2) + _PRIOR_POINTS * lattice.roughness_m**2
     count = share.sum(axis=1) + _PRIOR_POINTS
     near = lattice.mean_of_neighbours
-    return np.maximum((excess + near @ excess) / (count + near @ count), lattice.roughness_m**2)
+    smooth: FloatArray = (excess + near @ excess) / (count + near @ count)
+    return np.maximum(smooth, lattice.roughness_m**2)
 
 
 def _shared_by_scans(data: RayPoints, linear: LinearDistances, posterior: NodeMoves) -> FloatArray:
@@ -186,7 +204,8 @@ def _shared_by_scans(data: RayPoints, linear: LinearDistances, posterior: NodeMo
     if overlap.sum() < _N_LEAST:
         return np.zeros(len(n_seen))
     between = np.nanvar(mean[:, overlap], axis=0, ddof=1) - np.nanmean(noise_m2[:, overlap], axis=0)
-    return max(float(between.mean()), 0.0) / np.maximum(n_seen, 1)
+    shared_m2: FloatArray = max(float(between.mean()), 0.0) / np.maximum(n_seen, 1)
+    return shared_m2
 
 
 def _calibrated(

@@ -44,7 +44,7 @@ class RayPoints(NamedTuple):
     def one_per_cell(self, side_m: float) -> "RayPoints":
         """Return the first point of each cubic cell, so that near ground does not outnumber far walls."""
         first = np.sort(np.unique(cell_numbers(self.xyz, side_m), return_index=True)[1])
-        return RayPoints(*(column[first] for column in self))
+        return RayPoints(self.xyz[first], self.rays[first], self.covariance[first], self.scan[first])
 
 
 class LinearDistances(NamedTuple):
@@ -85,7 +85,7 @@ class FreeNodes:
         links = coo_array(
             (np.ones(2 * len(edges)), np.vstack([edges, edges[:, ::-1]]).T), shape=(n, n)
         ).tocsr()
-        self.n_neighbours = links.sum(axis=1)
+        self.n_neighbours: FloatArray = links.sum(axis=1)
         self.mean_of_neighbours = diags_array(1.0 / self.n_neighbours) @ links
         self.bending_m, self.roughness_m = 0.2 * step_m, 0.1 * step_m
         self.softness = np.ones(n)
@@ -115,7 +115,8 @@ class FreeNodes:
         for column in self.triangles.T:
             for axis in range(3):
                 total[:, axis] += np.bincount(column, areas[:, axis], len(total))
-        return total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]
+        unit: FloatArray = total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]
+        return unit
 
     def linearised(self, data: RayPoints) -> LinearDistances:
         """Associate the points with facets, and linearise distances and bending about the present nodes."""

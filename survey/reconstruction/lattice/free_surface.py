@@ -83,7 +83,7 @@ class FreeSurface:
         return (self.sigma_m**2)[:, None, None] * n[:, :, None] * n[:, None, :]
 
     def distances(self, places: npt.ArrayLike) -> SurfaceDistances:
-        """Return the signed distances of places from the surface along the normals of their nearest facets.
+        """Return the signed distances of places from the nearest points of the surface, along its normal but at its rim.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class FreeSurface:
         above = (offset * facet_normals(self.nodes, corners)).sum(axis=1)
         sigma = (weights * self.sigma_m[corners]).sum(axis=1)
         away = np.copysign(np.linalg.norm(offset, axis=1), above)
-        return SurfaceDistances(away, sigma, self.is_supported[corners].all(axis=1))
+        return SurfaceDistances(away, sigma, np.asarray(self.is_supported[corners].all(axis=1)))
 
     def section(self, start: npt.ArrayLike, end: npt.ArrayLike) -> VerticalSection:
         """Return the lines in which the surface meets the vertical plane between two places.
@@ -146,10 +146,9 @@ class FreeSurface:
         facets = facet_normals(self.nodes, self.triangles[cut])
         flat = np.column_stack([facets[:, :2] @ along, facets[:, 2]])
         inside = (ends[:, :, 0].max(axis=1) >= 0.0) & (ends[:, :, 0].min(axis=1) <= length)
-        supported = self.is_supported[self.triangles[cut]].all(axis=1)
-        return VerticalSection(
-            *(part[inside] for part in (ends[..., 0], ends[..., 1], ends[..., 2], flat, supported))
-        )
+        supported = np.asarray(self.is_supported[self.triangles[cut]].all(axis=1))
+        along_m, z_m, sigma_m = np.moveaxis(ends[inside], 2, 0)
+        return VerticalSection(along_m, z_m, sigma_m, flat[inside], supported[inside])
 
     def write(self, path: str | Path) -> None:
         """Write the mesh as binary PLY with ``sigma`` and ``supported`` at each vertex, which CloudCompare and QGIS open.

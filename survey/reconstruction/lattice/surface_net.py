@@ -30,8 +30,8 @@ _SCREEN, _PASSED = 4.0, 0.5
 # Places that lines of sight passed lie so many steps before their ends.
 _BEFORE_END = (2.0, 4.0, 8.0)
 _BLUR = 1.0
-_ITERATIONS, _TOLERANCE = 40, 1e-3
-_LEAST_SHARE = 0.02
+_ITERATIONS, _TOLERANCE = 40, 1e-2
+_LEAST_SHARE = 0.005
 """Pieces with fewer of the supported nodes are left out."""
 
 
@@ -81,7 +81,7 @@ def surface_net(
     indicator = _indicator(patches, low, shape, step_m)
     nodes, quads = _zero_surface(indicator)
     nodes = low + step_m * nodes
-    away, _ = cKDTree(patches.places).query(nodes, distance_upper_bound=reach_m)
+    away = np.asarray(cKDTree(patches.places).query(nodes, distance_upper_bound=reach_m)[0])
     quads = quads[_kept(quads, away <= reach_m, away <= step_m)]
     if not len(quads):
         raise InputError(
@@ -102,7 +102,7 @@ def _patches(xyz: FloatArray, origins: FloatArray, step_m: float) -> Patches:
     rays = rays / np.linalg.norm(rays, axis=1)[:, None]
     sums = [np.bincount(cell, column) / count for column in (*xyz.T, *rays.T)]
     places, rays = np.column_stack(sums[:3]), np.column_stack(sums[3:])
-    away, near = cKDTree(places).query(places, k=_N_NEIGHBOURS + 1)
+    away, near = (np.asarray(found) for found in cKDTree(places).query(places, k=_N_NEIGHBOURS + 1))
     offsets = places[near] - places[near].mean(axis=1)[:, None]
     _, vectors = np.linalg.eigh(offsets.transpose(0, 2, 1) @ offsets)
     normals = vectors[:, :, 0]
@@ -149,7 +149,7 @@ def _indicator(patches: Patches, low: FloatArray, shape: tuple[int, ...], step_m
 
     def preconditioned(r: FloatArray) -> FloatArray:
         smooth = dctn(r.reshape(shape), norm="ortho") / (eigenvalues + shift)
-        return np.asarray(idctn(smooth, norm="ortho")).ravel()
+        return np.asarray(idctn(smooth, norm="ortho"), dtype=np.float64).ravel()
 
     n = int(np.prod(shape))
     f, _ = cg(
