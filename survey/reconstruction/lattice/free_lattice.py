@@ -78,7 +78,8 @@ def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | N
     Parameters
     ----------
     points : SurfacePoints
-        Points with their covariances and with the places of the scanner (`SurfacePoints.origins`); see `beam_covariance`.
+        Points with their covariances and with the places of the scanner (`SurfacePoints.origins`); see `beam_covariance`. Where
+        they carry an `own_covariance`, the rest of their covariance is of errors that all points of a scan share, as of its pose.
     step_m : float
         Distance between the nodes [m].
     reach_m : float, optional
@@ -130,7 +131,8 @@ def free_lattice(points: SurfacePoints, step_m: float = 0.25, reach_m: float | N
     covariance = (
         points.covariance if points.covariance is not None else (points.sigma_z**2)[:, None, None] * np.eye(3)
     )
-    data = RayPoints(xyz, rays, covariance, _scans(origins))
+    own = covariance if points.own_covariance is None else points.own_covariance
+    data = RayPoints(xyz, rays, own, covariance - own, _scans(origins))
     lattice, thinned = FreeNodes(nodes, triangles, step_m), data.one_per_cell(_CELL_IN_STEPS * step_m)
     for _ in range(_N_STEPS):
         lattice.step(thinned)
@@ -187,7 +189,8 @@ def _shared_by_scans(data: RayPoints, linear: LinearDistances, posterior: NodeMo
     """Return the variance about each node (N,) of errors that all points of a scan share [m²].
 
     It is the variance between the means of scans about the same node, less what the scatter of their points explains (analysis of
-    variance), averaged over the nodes that several scans saw, and divided by the number of scans that saw the node.
+    variance), averaged over the nodes that several scans saw, or what the points state where that is more. It is divided by the number
+    of scans that saw the node.
     """
     left = linear.residual - linear.rows @ posterior.mean
     means, of_means = [], []
@@ -201,10 +204,13 @@ def _shared_by_scans(data: RayPoints, linear: LinearDistances, posterior: NodeMo
     mean, noise_m2 = np.stack(means), np.stack(of_means)
     n_seen = np.isfinite(mean).sum(axis=0)
     overlap = n_seen >= 2
-    if overlap.sum() < _N_LEAST:
-        return np.zeros(len(n_seen))
-    between = np.nanvar(mean[:, overlap], axis=0, ddof=1) - np.nanmean(noise_m2[:, overlap], axis=0)
-    shared_m2: FloatArray = max(float(between.mean()), 0.0) / np.maximum(n_seen, 1)
+    found_m2 = 0.0
+    if overlap.sum() >= _N_LEAST:
+        between = np.nanvar(mean[:, overlap], axis=0, ddof=1) - np.nanmean(noise_m2[:, overlap], axis=0)
+        found_m2 = float(between.mean())
+    count = linear.shares.T @ linear.trust
+    about = (linear.shares.T @ (linear.trust * linear.shared_m2) + 1e-9 * linear.shared_m2.mean()) / (count + 1e-9)
+    shared_m2: FloatArray = np.maximum(about, found_m2) / np.maximum(n_seen, 1)
     return shared_m2
 
 

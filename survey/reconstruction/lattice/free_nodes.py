@@ -34,24 +34,25 @@ _QUARTILE = 0.6745
 
 
 class RayPoints(NamedTuple):
-    """Points (P, 3) [m], unit rays (P, 3), covariances (P, 3, 3) [m²], and numbers of their scans (P,)."""
+    """Points (P, 3) [m], unit rays (P, 3), covariances (P, 3, 3) of own errors and of those that scans share [m²], numbers of the scans (P,)."""
 
     xyz: FloatArray
     rays: FloatArray
     covariance: FloatArray
+    shared: FloatArray
     scan: IntArray
 
     def one_per_cell(self, side_m: float) -> "RayPoints":
         """Return the first point of each cubic cell, so that near ground does not outnumber far walls."""
         first = np.sort(np.unique(cell_numbers(self.xyz, side_m), return_index=True)[1])
-        return RayPoints(self.xyz[first], self.rays[first], self.covariance[first], self.scan[first])
+        return RayPoints(self.xyz[first], self.rays[first], self.covariance[first], self.shared[first], self.scan[first])
 
 
 class LinearDistances(NamedTuple):
     """Distances (P,) of points from their facets [m], and their derivatives by the displacements u (N,) along the normals.
 
-    `rows` (P, N): moves of the facets at the points. `shares` (P, N): weights of the nodes. `noise_m2` (P,): variances of the points
-    along the normals. `trust` (P,): weights of Huber, 0 for points without a facet. `bending` (N, N), `bend` (N,): the
+    `rows` (P, N): moves of the facets at the points. `shares` (P, N): weights of the nodes. `noise_m2`, `shared_m2` (P,): variances of the
+    own errors of the points along the normals, and of those that their scans share. `trust` (P,): weights of Huber, 0 for points without a facet. `bending` (N, N), `bend` (N,): the
     mean of the neighbours less the node, along its normal, is bend + bending u [m].
     """
 
@@ -59,6 +60,7 @@ class LinearDistances(NamedTuple):
     shares: csr_array
     residual: FloatArray
     noise_m2: FloatArray
+    shared_m2: FloatArray
     trust: FloatArray
     bending: csr_array
     bend: FloatArray
@@ -131,13 +133,13 @@ class FreeNodes:
             csr_array((values.ravel(), corners.ravel(), first), shape=(len(data.xyz), n))
             for values in (moved, weights)
         )
-        noise_m2 = np.einsum("pi,pij,pj->p", across, data.covariance, across)
+        noise_m2, shared_m2 = (np.einsum("pi,pij,pj->p", across, c, across) for c in (data.covariance, data.shared))
         links = self.mean_of_neighbours.tocoo()
         alike = (normals[links.row] * normals[links.col]).sum(axis=1)
         bending = csr_array((links.data * alike, (links.row, links.col)), shape=(n, n)) - eye_array(n)
         bend = ((self.mean_of_neighbours @ self.nodes - self.nodes) * normals).sum(axis=1)
         trust = np.where(facet >= 0, self._trust(residual, noise_m2, facet >= 0), 0.0)
-        return LinearDistances(rows, shares, residual, noise_m2, trust, bending.tocsr(), bend)
+        return LinearDistances(rows, shares, residual, noise_m2, shared_m2, trust, bending.tocsr(), bend)
 
     def _trust(self, residual: FloatArray, noise_m2: FloatArray, has_facet: BoolArray) -> FloatArray:
         """Return the weights of Huber (P,); while the nodes are far from the points, their usual distance counts as noise."""

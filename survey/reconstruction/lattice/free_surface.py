@@ -93,7 +93,7 @@ class FreeSurface:
         Returns
         -------
         SurfaceDistances
-            SurfaceDistances and standard deviations [m], and whether points support the facet.
+            Distances and standard deviations [m], and whether points support the facet.
 
         Raises
         ------
