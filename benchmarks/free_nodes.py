@@ -4,10 +4,10 @@ Simulated scans of leaning seracs, undercut walls and glacier tables with sharp 
 rows that differ poses err twice as much as stated and beams are three times wider, so that more returns mix two surfaces. Errors are
 distances of the true surface from the estimated one, on vertical sections, where a return is within 0.15 m (seen), and elsewhere
 within reach (unseen). On the same points and sections, within the plane: the field lattice, the spring lattice of the EMap paper, and OctoMap,
-whose surface are the centres of its occupied voxels. The truth stands for 0.95 of each interval if standard deviations are honest.
+whose surface are the centres of its occupied voxels. 95 % of the true places lie in their intervals if standard deviations are honest.
 
-No setting was chosen on these seeds; seeds 1 and 2 served to develop, and what they showed was corrected before. Real scans, of a
-street and of a trail, have no truth: there a tenth of the points is left out, and the distance of those points is divided by what surface
+No setting was chosen on these seeds. Seeds 1 and 2 served to develop; three sites of seeds 700 to 702 were seen before errors that scans share
+were taken from what points state. Real scans, of a street and of a trail, have no truth: there a tenth of the points is left out, and the distance of those points is divided by what surface
 and points state. The table goes to ``results/benchmarks/free_nodes.json``; it takes about seven minutes of CPU.
 """
 
@@ -35,7 +35,7 @@ from survey.reconstruction.terrain_map import SIGMAS_95
 
 RESULT = TABLES / "free_nodes.json"
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
-N_SITES, FIRST_SEED, N_WORKERS = 5, 700, 1
+N_SITES, FIRST_SEED, N_WORKERS = 4, 900, 1
 STEP_M, SEEN_M, WITHIN_M = 0.25, 0.15, 5.8
 SECTIONS_M = (-1.5, -0.7, 0.03, 0.8, 1.6)
 REAL = ("lpm_cloud0", "lpm_cloud1", "lpm_cloud2", "rellis_os1_000104")
@@ -184,6 +184,7 @@ def real_row(name: str) -> dict[str, Any]:
         "median_m": round(float(np.median(away)), 3),
         "p95_m": round(float(np.quantile(away, 0.95)), 3),
         "within_95": round(float((away <= SIGMAS_95 * spread).mean()), 3),
+        "within_95_nearer_0.5_m": round(float((away <= SIGMAS_95 * spread)[away <= 0.5].mean()), 3),
         "beyond_0.5_m": round(float((away > 0.5).mean()), 3),
         "field_median_height_m": round(float(np.nanmedian(below)), 3),
         "field_p95_height_m": round(float(np.nanquantile(below, 0.95)), 3),

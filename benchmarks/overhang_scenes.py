@@ -216,9 +216,8 @@ def scan(mesh: TriangleMesh, scanner: ScannerModel, seed: int, n_scans: int = 5)
     kept = np.abs(xyz[:, :2]).max(axis=1) <= HALF_M
     xyz, at = xyz[kept], at[kept]
     stated = beam_covariance(xyz, at, STATED.range_sigma_m, STATED.width_deg / 4.0)
-    range_m = np.linalg.norm(xyz - at, axis=1)
-    pose = STATED.place_sigma_m**2 + (range_m * np.radians(STATED.tilt_sigma_deg)) ** 2
-    return SurfacePoints(xyz, stated + pose[:, None, None] * np.eye(3), origins=at, crs=CRS_OF_SCENES, own_covariance=stated)
+    pose = STATED.place_sigma_m**2 * np.eye(3) + beam_covariance(xyz, at, 0.0, STATED.tilt_sigma_deg)
+    return SurfacePoints(xyz, stated + pose, origins=at, crs=CRS_OF_SCENES, own_covariance=stated)
 
 
 def _height(mesh: TriangleMesh, place: FloatArray) -> float:

@@ -3,7 +3,7 @@
 The EMap paper (Lock, Camara and Fox, section 7) leaves nodes that move in x and y to further work. `free_lattice` extracts a first mesh
 (`survey.reconstruction.lattice.surface_net`) and moves its nodes to the points (`survey.reconstruction.lattice.free_nodes`).
 The standard deviation along the normal has three parts: the posterior of the linearised problem, scaled by points that are left out
-in blocks, one by one, and with their scans; the roughness about a node that the noise of its points does not explain; and errors that all
+in blocks, one by one, and with their scans; the roughness about a node: the scatter of its points that noise does not explain and that scans share; and errors that all
 points of a scan share, from where scans overlap.
 """
 
@@ -33,6 +33,7 @@ _LEAST_TRUST = 0.3
 # The roughness about a node is that of all points, unless more points than these differ.
 _PRIOR_POINTS = 6.0
 _N_FOLDS, _BLOCK_SHARE, _SINGLE_SHARE, _BLOCK_IN_STEPS = 2, 0.15, 0.05, 4.0
+_PAIRS_IN_STEPS = 0.25
 # With fewer predictions nothing is calibrated; with fewer points of a scan about a node their mean is too noisy.
 _N_LEAST, _LEAST_OF_SCAN = 40, 3.0
 # A scanner that moves has more places; its points count as one scan.
@@ -157,11 +158,14 @@ def _surface(lattice: FreeNodes, data: RayPoints, datum: FloatArray) -> FreeSurf
     linear = lattice.linearised(data)
     posterior = lattice.solved(linear, lattice.weights(linear), _N_DRAWS)
     rough_m2 = _roughness(lattice, linear, posterior)
+    of_surface = _share_of_surface(lattice, data, linear, posterior)
     factors = _calibrated(lattice, data, linear, rough_m2)
     shared_m2 = _shared_by_scans(data, linear, posterior)
     supported = _supported(linear, linear.trust > _LEAST_TRUST)
     factor = np.where(supported, factors.near, factors.gaps)
-    variance = factor**2 * (posterior.draws**2).mean(axis=1) + factors.near**2 * rough_m2 + shared_m2
+    variance = (
+        factor**2 * (posterior.draws**2).mean(axis=1) + factors.near**2 * of_surface * rough_m2 + shared_m2
+    )
     normals = lattice.normals()
     nodes = lattice.nodes + posterior.mean[:, None] * normals + datum
     scales = lattice.step_m, lattice.bending_m, lattice.roughness_m, factors.near, factors.gaps
@@ -182,7 +186,32 @@ def _roughness(lattice: FreeNodes, linear: LinearDistances, posterior: NodeMoves
     count = share.sum(axis=1) + _PRIOR_POINTS
     near = lattice.mean_of_neighbours
     smooth: FloatArray = (excess + near @ excess) / (count + near @ count)
-    return np.maximum(smooth, lattice.roughness_m**2)
+    return np.maximum(smooth, 0.0)
+
+
+def _share_of_surface(
+    lattice: FreeNodes, data: RayPoints, linear: LinearDistances, posterior: NodeMoves
+) -> float:
+    """Return the share of the scatter beyond the noise that is of the surface: two scans share its roughness, and no error.
+
+    It is the mean product of the distances of two points of different scans in the same cell of a quarter of a step, over the mean
+    excess of their squares; 1 where scans do not overlap.
+    """
+    left = linear.residual - linear.rows @ posterior.mean
+    cells = cell_numbers(data.xyz, _PAIRS_IN_STEPS * lattice.step_m)
+    order = np.argsort(cells, kind="stable")
+    a, b = order[:-1], order[1:]
+    paired = (
+        (cells[a] == cells[b])
+        & (data.scan[a] != data.scan[b])
+        & (linear.trust[a] == 1.0)
+        & (linear.trust[b] == 1.0)
+    )
+    a, b = a[paired], b[paired]
+    excess = float((left[a] ** 2 + left[b] ** 2 - linear.noise_m2[a] - linear.noise_m2[b]).sum()) / 2.0
+    if len(a) < _N_LEAST or excess <= 0.0:
+        return 1.0
+    return min(max(float((left[a] * left[b]).sum()) / excess, 0.0), 1.0)
 
 
 def _shared_by_scans(data: RayPoints, linear: LinearDistances, posterior: NodeMoves) -> FloatArray:
@@ -209,7 +238,9 @@ def _shared_by_scans(data: RayPoints, linear: LinearDistances, posterior: NodeMo
         between = np.nanvar(mean[:, overlap], axis=0, ddof=1) - np.nanmean(noise_m2[:, overlap], axis=0)
         found_m2 = float(between.mean())
     count = linear.shares.T @ linear.trust
-    about = (linear.shares.T @ (linear.trust * linear.shared_m2) + 1e-9 * linear.shared_m2.mean()) / (count + 1e-9)
+    about = (linear.shares.T @ (linear.trust * linear.shared_m2) + 1e-9 * linear.shared_m2.mean()) / (
+        count + 1e-9
+    )
     shared_m2: FloatArray = np.maximum(about, found_m2) / np.maximum(n_seen, 1)
     return shared_m2
 

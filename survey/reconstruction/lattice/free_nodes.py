@@ -45,7 +45,9 @@ class RayPoints(NamedTuple):
     def one_per_cell(self, side_m: float) -> "RayPoints":
         """Return the first point of each cubic cell, so that near ground does not outnumber far walls."""
         first = np.sort(np.unique(cell_numbers(self.xyz, side_m), return_index=True)[1])
-        return RayPoints(self.xyz[first], self.rays[first], self.covariance[first], self.shared[first], self.scan[first])
+        return RayPoints(
+            self.xyz[first], self.rays[first], self.covariance[first], self.shared[first], self.scan[first]
+        )
 
 
 class LinearDistances(NamedTuple):
@@ -133,7 +135,9 @@ class FreeNodes:
             csr_array((values.ravel(), corners.ravel(), first), shape=(len(data.xyz), n))
             for values in (moved, weights)
         )
-        noise_m2, shared_m2 = (np.einsum("pi,pij,pj->p", across, c, across) for c in (data.covariance, data.shared))
+        noise_m2, shared_m2 = (
+            np.einsum("pi,pij,pj->p", across, c, across) for c in (data.covariance, data.shared)
+        )
         links = self.mean_of_neighbours.tocoo()
         alike = (normals[links.row] * normals[links.col]).sum(axis=1)
         bending = csr_array((links.data * alike, (links.row, links.col)), shape=(n, n)) - eye_array(n)

@@ -149,7 +149,8 @@ def _indicator(patches: Patches, low: FloatArray, shape: tuple[int, ...], step_m
 
     def preconditioned(r: FloatArray) -> FloatArray:
         smooth = dctn(r.reshape(shape), norm="ortho") / (eigenvalues + shift)
-        return np.asarray(idctn(smooth, norm="ortho"), dtype=np.float64).ravel()
+        inverse: FloatArray = np.asarray(idctn(smooth, norm="ortho"))
+        return inverse.ravel()
 
     n = int(np.prod(shape))
     f, _ = cg(
