@@ -145,7 +145,8 @@ def _indicator(patches: Patches, low: FloatArray, shape: tuple[int, ...], step_m
     shift = 0.5 * data.diagonal().mean() + 1e-3
 
     def times(f: FloatArray) -> FloatArray:
-        return _laplacian(f.reshape(shape)).ravel() + data @ f
+        laplacian_and_data: FloatArray = _laplacian(f.reshape(shape)).ravel() + data @ f
+        return laplacian_and_data
 
     def preconditioned(r: FloatArray) -> FloatArray:
         smooth = dctn(r.reshape(shape), norm="ortho") / (eigenvalues + shift)
