@@ -168,7 +168,7 @@ def _surface(lattice: FreeNodes, data: RayPoints, datum: FloatArray) -> FreeSurf
     )
     normals = lattice.normals()
     nodes = lattice.nodes + posterior.mean[:, None] * normals + datum
-    scales = lattice.step_m, lattice.bending_m, lattice.roughness_m, factors.near, factors.gaps
+    scales = lattice.step_m, lattice.bending_m, lattice.roughness_m, (factors.near, factors.gaps)
     return FreeSurface(nodes, lattice.triangles, normals, np.sqrt(variance), supported, *scales)
 
 

@@ -61,7 +61,7 @@ class FreeSurface:
         Mean distance of nodes of the first mesh [m].
     bending_m, roughness_m : float
         Learned scales τ and ρ [m].
-    factor, factor_in_gaps : float
+    factors : (float, float)
         Factors on the standard deviation of nodes with and without points, from points that were left out.
     """
 
@@ -73,8 +73,7 @@ class FreeSurface:
     step_m: float
     bending_m: float
     roughness_m: float
-    factor: float
-    factor_in_gaps: float
+    factors: tuple[float, float]
 
     @property
     def covariance(self) -> FloatArray:
