@@ -155,6 +155,8 @@ class _Sighting(NamedTuple):
     inverse_depth: FloatArray
     sigma: FloatArray
     correlation: FloatArray
+    rival: FloatArray
+    brightness: FloatArray
 
 
 def heights_from_images(
@@ -169,7 +171,7 @@ def heights_from_images(
     """Return heights of the ground that the images of a drive show."""
     config = config or ImageHeightsConfig()
     time_s = frames.time_s
-    usable = np.flatnonzero((time_s >= path.time_s[0]) & (time_s <= path.time_s[-1]))
+    usable = trusted_images(time_s, path)
     if len(usable) < 1 + _LEAST_VIEWS:
         raise InputError(f"the path covers the times of {len(usable)} images, and three or more are needed; give images and path of one drive.")
     images = RectifiedImages(frames, camera)
@@ -186,7 +188,13 @@ def heights_from_images(
     if not found:
         raise InputError("no image shows ground that others confirm.")
     joined = _Sighting(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
-    return _as_points(joined, path, poses, time_s[usable], images.focal, config)
+    return _as_points(joined, path, poses, time_s[usable], images.focal, surface, config)
+
+
+def trusted_images(time_s: FloatArray, path: Trajectory) -> IntArray:
+    """Return the numbers of the images whose times (K,) [s] a path covers and whose pose is not lost."""
+    healthy = np.interp(time_s, path.time_s, path.health) >= 0.5
+    return np.flatnonzero((time_s >= path.time_s[0]) & (time_s <= path.time_s[-1]) & healthy)
 
 
 def _every(travel_m: FloatArray, spacing_m: float) -> IntArray:
@@ -262,7 +270,14 @@ def _seen_from(
     best = _peaks(curves, first, step, config)
     ray = images.rays(pixel[best.which]) @ poses.turn[reference].T
     image = np.full(len(ray), reference)
-    return _Sighting(image, ray, best.inverse_depth, best.sigma, best.correlation)
+    brightness = _brightness(images.grey(int(usable[reference])), pixel, half)[best.which]
+    return _Sighting(image, ray, best.inverse_depth, best.sigma, best.correlation, best.rival, brightness)
+
+
+def _brightness(grey: Views, pixel: IntArray, half: tuple[int, int]) -> FloatArray:
+    """Return the mean grey value of patches (N,) over the median of all of them."""
+    mean = cv2.blur(grey, (2 * half[0] + 1, 2 * half[1] + 1))[pixel[:, 1], pixel[:, 0]]
+    return np.asarray(mean / max(float(np.median(mean)), 1.0), dtype=np.float64)
 
 
 def _expected(
@@ -285,12 +300,13 @@ def _expected(
 
 
 class _Peaks(NamedTuple):
-    """Peaks of correlation: which patches have one, their inverse depths [1/m] with standard deviations, and correlations."""
+    """Peaks of correlation: which patches have one, inverse depths [1/m], standard deviations, correlations, and those of the next peak as a share."""
 
     which: IntArray
     inverse_depth: FloatArray
     sigma: FloatArray
     correlation: FloatArray
+    rival: FloatArray
 
 
 def _peaks(curves: Views, first: FloatArray, step: FloatArray, config: ImageHeightsConfig) -> _Peaks:
@@ -313,7 +329,7 @@ def _peaks(curves: Views, first: FloatArray, step: FloatArray, config: ImageHeig
     good = inner & agree & (height >= config.least_correlation) & (rival <= _RIVAL_SHARE * height) & (bend > 0.0)
     which = np.flatnonzero(good & np.isfinite(spread))
     rho = first[which] + (index[which] + offset[which]) * step[which]
-    return _Peaks(which, rho, spread[which] * step[which], height[which])
+    return _Peaks(which, rho, spread[which] * step[which], height[which], (rival / height)[which])
 
 
 def _mean(curves: Views, least: int) -> FloatArray:
@@ -348,7 +364,7 @@ def _half_peak(curves: Views, index: IntArray) -> FloatArray:
 
 
 def _as_points(
-    seen: _Sighting, path: Trajectory, poses: CameraPoses, time_s: FloatArray, focal: float, config: ImageHeightsConfig
+    seen: _Sighting, path: Trajectory, poses: CameraPoses, time_s: FloatArray, focal: float, surface: Dem, config: ImageHeightsConfig
 ) -> SurfacePoints:
     """Return the points with their covariances and keyframes, one for each cell that two references confirm."""
     xyz = poses.place[seen.image] + seen.ray / seen.inverse_depth[:, None]
@@ -374,8 +390,15 @@ def _as_points(
         origins=poses.place[image],
         body=body,
         range_m=np.linalg.norm(xyz - poses.place[image], axis=1),
-        values={"correlation": seen.correlation[chosen]},
+        values={
+            "correlation": seen.correlation[chosen],
+            "rival": seen.rival[chosen],
+            "brightness": seen.brightness[chosen],
+            "image": image.astype(np.float64),
+            "time_s": time_s[image],
+        },
         crs=path.crs,
+        vertical_datum=surface.vertical_datum,
         own_covariance=own,
         keyframe=keyframe,
         heading_rad=np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]),
