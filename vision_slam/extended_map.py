@@ -5,12 +5,12 @@ names the places where the two contradict each other, and maps all together. Eve
 errors of the path are estimated once for scans and images.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from survey.core import BoolArray, InputError, Progress
+from survey.core import BoolArray, FloatArray, InputError, Progress
 from survey.data import Dem, Grid, Recording, SurfacePoints, Trajectory
 from survey.reconstruction.joint.drives import joined_points
 from survey.reconstruction.line_of_sight.config import ScanPointsConfig
@@ -27,6 +27,7 @@ from vision_slam.ground_heights import ImageHeightsConfig, heights_from_images
 from vision_slam.scan_agreement import Contradiction, HeightErrors, ScanStrip, contradictions
 
 _SCANNED_M = 1.5  # from a return
+_SEEN_M = 3.0  # from a height of an image
 SCANS = ScanPointsConfig(cell_m=1.5)
 """How scans become points: in the cells of the heights from images."""
 
@@ -109,5 +110,22 @@ def extend_map(
         raise InputError("all heights from images contradict the scans; check calibration and times of the images.")
     heights = errors.added_to(seen.select(~is_wrong))
     together = reconstruct(joined_points([*parts, heights], [0, 0, 0]), grid, prior, path=path.error)
-    away = cKDTree(returns.xyz[:, :2]).query(grid.xy)[0].reshape(grid.shape)
-    return ExtendedMap(alone, together, heights, errors, tuple(found), np.asarray(away <= _SCANNED_M))
+    is_scanned = _away_m(grid, returns.xyz) <= _SCANNED_M
+    is_unseen = ~is_scanned & (_away_m(grid, heights.xyz) > _SEEN_M)
+    together = _no_surer(together, alone, is_unseen)
+    return ExtendedMap(alone, together, heights, errors, tuple(found), is_scanned)
+
+
+def _away_m(grid: Grid, xyz: FloatArray) -> FloatArray:
+    """Return the distance of the nodes (H, W) from the nearest of some places (N, 3) [m]."""
+    away: FloatArray = cKDTree(xyz[:, :2]).query(grid.xy)[0].reshape(grid.shape)
+    return away
+
+
+def _no_surer(together: Reconstruction, alone: Reconstruction, is_unseen: BoolArray) -> Reconstruction:
+    """Return a map whose standard deviation where neither scans nor images see is at least that without images.
+
+    Images see crests and slopes that face them; a kernel fitted to these is too sure of the ground behind.
+    """
+    std = np.where(is_unseen, np.fmax(together.std.elevation, alone.std.elevation), together.std.elevation)
+    return replace(together, std=Dem.on(together.std.grid(), std, together.std.vertical_datum))

@@ -43,13 +43,13 @@ class ImageHeightsConfig(Section):
 
     spacing_m: PositiveFloat = 2.0
     """Way between reference images [m]."""
-    baselines_m: tuple[PositiveFloat, ...] = (0.75, 1.5, 3.0, 5.0)
+    baselines_m: tuple[PositiveFloat, ...] = (1.0, 2.5, 5.0)
     """Way from a reference image to the views that it is compared with, ahead and behind [m]."""
     nearest_m: PositiveFloat = 9.0
     """Ground nearer than that is left to scans and landmarks [m]."""
     farthest_m: PositiveFloat = 45.0
     """Ground beyond that is left out [m]."""
-    pixel_step: tuple[PositiveInt, PositiveInt] = (12, 4)
+    pixel_step: tuple[PositiveInt, PositiveInt] = (16, 5)
     """Columns and rows between patches [pixels]; at grazing angles rows are far apart on the ground."""
     half_patch: tuple[PositiveInt, PositiveInt] = (5, 4)
     """Columns and rows of a patch on each side of its middle [pixels]."""
