@@ -49,7 +49,7 @@ class ImageHeightsConfig(Section):
     """Ground nearer than that is left to scans and landmarks [m]."""
     farthest_m: PositiveFloat = 45.0
     """Ground beyond that is left out [m]."""
-    pixel_step: tuple[PositiveInt, PositiveInt] = (16, 5)
+    pixel_step: tuple[PositiveInt, PositiveInt] = (20, 3)
     """Columns and rows between patches [pixels]; at grazing angles rows are far apart on the ground."""
     half_patch: tuple[PositiveInt, PositiveInt] = (5, 4)
     """Columns and rows of a patch on each side of its middle [pixels]."""
@@ -57,7 +57,7 @@ class ImageHeightsConfig(Section):
     """Mean correlation that a patch needs."""
     most_sigma_m: PositiveFloat = 0.4
     """Largest standard deviation of a height by the images alone [m]."""
-    cell_m: PositiveFloat = 1.5
+    cell_m: PositiveFloat = 1.2
     """Side of the cells of ground that are represented by one height [m]."""
 
 
@@ -65,11 +65,12 @@ _PIXEL_STEP_PX = 0.75  # between distances, in the view with the longest baselin
 _SHORTEST, _LONGEST = 0.55, 1.9  # of the expected distance, that are tried
 _MOST_STEPS = 240
 _INDEPENDENT_SHARE = 0.25  # of the pixels of a patch: images are blurred
-_RIVAL_STEPS, _RIVAL_SHARE = 6, 0.97
+_RIVAL_STEPS, _RIVAL_SHARE = 6, 0.94
 _AGREE_SIGMAS, _AGREE_STEPS = 3.0, 1.5
 _ACROSS_PX = 0.5
 _MARCH_M = 0.25
 _LEAST_VIEWS = 2
+_SAME_M, _MOSTLY = 0.12, 0.6  # difference of heights that confirm each other, and share of the neighbours that do
 
 
 class RectifiedImages:
@@ -406,7 +407,7 @@ def _as_points(
 
 
 def _confirmed(xyz: FloatArray, sigma_z: FloatArray, image: IntArray, cell_m: float) -> IntArray:
-    """Return the most certain point of each cell whose height one from another reference, within a cell, confirms."""
+    """Return the most certain point of each cell whose height most of those of other references, within a cell, confirm."""
     order = np.argsort(sigma_z, kind="stable")
     tree = cKDTree(xyz[:, :2])
     taken: set[tuple[int, int]] = set()
@@ -418,7 +419,8 @@ def _confirmed(xyz: FloatArray, sigma_z: FloatArray, image: IntArray, cell_m: fl
         near = np.array(tree.query_ball_point(xyz[index, :2], cell_m))
         other = near[image[near] != image[index]]
         gap = np.abs(xyz[other, 2] - xyz[index, 2])
-        if (gap <= 0.15 + 3.0 * np.hypot(sigma_z[other], sigma_z[index])).any():
+        agree = gap <= _SAME_M + 3.0 * np.hypot(sigma_z[other], sigma_z[index])
+        if agree.sum() >= max(1.0, _MOSTLY * len(other)):
             taken.add(cell)
             chosen.append(index)
     return np.array(sorted(chosen), dtype=np.int64)

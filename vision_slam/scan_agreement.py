@@ -1,9 +1,9 @@
 r"""Agreement of heights from images with the returns of a scanner where both see the same ground.
 
-`ScanStrip.between` pairs heights with the returns about them. On one half of the strip, in blocks, `HeightErrors.learned` fits the error that
-patches have beyond what their correlation shows,
+`ScanStrip.between` pairs heights with the returns about them. On one half of the strip, in blocks, `HeightErrors.learned` fits the error of
+heights,
 
-.. math:: \sigma^2 = \sigma_{own}^2 + \sigma_{scan}^2 + a^2 + (b r)^2
+.. math:: \sigma^2 = (k \sigma_{own})^2 + a^2 + (b r)^2 + \sigma_{scan}^2
 
 with the range r, by the likelihood of Student's t with four degrees of freedom, so that single wrong matches do not widen it. Its
 coverage is measured on the other half.
@@ -29,10 +29,11 @@ _NEAR_M, _LEAST_RETURNS = 0.75, 6
 _BLOCK_M = 5.0
 _DEGREES = 4.0
 _LEAST_PAIRS = 20
-_ASSUMED = (0.08, 0.005)  # floor [m] and part of the range, where the strip is too small to learn from
-_MOST_SIGMAS = 4.0
-_SAME_PLACE_M = 2.6
-_LEAST_OF_CHANGE, _LEAST_VIEWS_OF_CHANGE = 3, 2
+_ASSUMED = (2.5, 0.05, 0.003)  # factor, floor [m] and part of the range, where the strip is too small to learn from
+_FREE = np.array([0.5, 1.0, 1.0])  # standard deviations of their logarithms about these
+_MOST_SIGMAS, _ALSO_SIGMAS = 4.0, 2.0  # of a contradiction, and of heights beside it that belong to it
+_SAME_PLACE_M = 2.5
+_LEAST_OF_CHANGE, _LEAST_VIEWS_OF_CHANGE = 4, 2
 _POSE_SIGMAS, _LEAST_OF_POSE = 2.5, 6
 _DARK, _RIVAL = 0.75, 0.85
 
@@ -89,12 +90,13 @@ def _plane_at(offset: FloatArray) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class HeightErrors:
-    """Error of heights from images beyond what their correlation shows.
+    """Error of heights from images.
 
-    `floor_m`: part that does not depend on the range [m]. `per_metre`: part that grows with it. `n_learned`, `n_tested`: heights of the two halves of
+    `factor`: on the standard deviation by the correlation. `floor_m`: part that does not depend on the range [m]. `per_metre`: part that grows with it. `n_learned`, `n_tested`: heights of the two halves of
     the strip. `coverage`: share of the tested ones within their 95 % interval; NaN without any.
     """
 
+    factor: float
     floor_m: float
     per_metre: float
     n_learned: int
@@ -111,19 +113,18 @@ class HeightErrors:
         found = _fitted(seen, strip, block)
         if min(block.sum(), (~block).sum()) < _LEAST_PAIRS:
             return cls(*_fitted(seen, strip, np.ones(len(strip), dtype=np.bool_)), len(strip), 0, float("nan"))
-        sigma = _sigma(seen, strip, *found)
+        sigma = np.hypot(_height_sigma(seen, *found), strip.scan_sigma_m)
         inside = np.abs(strip.difference_m) <= 1.96 * sigma
         return cls(*found, int(block.sum()), int((~block).sum()), float(inside[~block].mean()))
 
     def of(self, heights: SurfacePoints) -> FloatArray:
-        """Return their standard deviations (N,) of heights [m]."""
-        sigma: FloatArray = np.hypot(self.floor_m, self.per_metre * _range_of(heights))
-        return sigma
+        """Return the standard deviations (N,) of heights [m]."""
+        return _height_sigma(heights, self.factor, self.floor_m, self.per_metre)
 
     def added_to(self, heights: SurfacePoints) -> SurfacePoints:
         """Return heights whose own covariance holds these errors."""
         extra = np.zeros((len(heights), 3, 3))
-        extra[:, 2, 2] = self.of(heights) ** 2
+        extra[:, 2, 2] = np.maximum(self.of(heights) ** 2 - _own_sigma(heights) ** 2, 0.0)
         assert heights.covariance is not None
         own = None if heights.own_covariance is None else heights.own_covariance + extra
         return replace(heights, covariance=heights.covariance + extra, own_covariance=own)
@@ -140,23 +141,24 @@ def _own_sigma(heights: SurfacePoints) -> FloatArray:
     return np.sqrt(own[:, 2, 2])
 
 
-def _sigma(seen: SurfacePoints, strip: ScanStrip, floor_m: float, per_metre: float) -> FloatArray:
-    """Return the standard deviations (N,) of the differences [m]."""
-    known = _own_sigma(seen) ** 2 + strip.scan_sigma_m**2
-    sigma: FloatArray = np.sqrt(known + floor_m**2 + (per_metre * _range_of(seen)) ** 2)
-    return sigma
+def _height_sigma(heights: SurfacePoints, factor: float, floor_m: float, per_metre: float) -> FloatArray:
+    """Return the standard deviations (N,) of heights [m]."""
+    square = (factor * _own_sigma(heights)) ** 2 + floor_m**2 + (per_metre * _range_of(heights)) ** 2
+    return np.asarray(np.sqrt(square), dtype=np.float64)
 
 
-def _fitted(seen: SurfacePoints, strip: ScanStrip, which: BoolArray) -> tuple[float, float]:
-    """Return floor and growth of the errors with the greatest likelihood, under priors about usual ones."""
-    usual = np.log(_ASSUMED)
+def _fitted(seen: SurfacePoints, strip: ScanStrip, which: BoolArray) -> tuple[float, float, float]:
+    """Return factor, floor and growth of the errors with the greatest likelihood, under priors about usual ones."""
+    usual, differences = np.log(_ASSUMED), strip.difference_m[which]
 
     def loss(log: FloatArray) -> float:
-        scale = _sigma(seen, strip, *np.exp(log))[which] * np.sqrt((_DEGREES - 2.0) / _DEGREES)
-        return float(-student.logpdf(strip.difference_m[which] / scale, _DEGREES).sum() + np.log(scale).sum() + 0.5 * ((log - usual) ** 2).sum())
+        sigma = np.hypot(_height_sigma(seen, *np.exp(log)), strip.scan_sigma_m)[which]
+        scale = sigma * np.sqrt((_DEGREES - 2.0) / _DEGREES)
+        likelihood = float((student.logpdf(differences / scale, _DEGREES) - np.log(scale)).sum())
+        return 0.5 * float((((log - usual) / _FREE) ** 2).sum()) - likelihood
 
-    floor_m, per_metre = np.exp(minimize(loss, usual, method="Nelder-Mead").x).tolist()
-    return floor_m, per_metre
+    factor, floor_m, per_metre = np.exp(minimize(loss, usual, method="Nelder-Mead").x).tolist()
+    return factor, floor_m, per_metre
 
 
 class Contradiction(NamedTuple):
@@ -188,17 +190,12 @@ def contradictions(
     if not len(strip):
         return [], is_wrong
     seen = heights.select(strip.which)
-    ratio = strip.difference_m / _sigma(seen, strip, errors.floor_m, errors.per_metre)
-    odd = np.flatnonzero(np.abs(ratio) > _MOST_SIGMAS)
-    is_wrong[strip.which[odd]] = True
-    if not len(odd):
-        return [], is_wrong
+    ratio = strip.difference_m / np.hypot(errors.of(seen), strip.scan_sigma_m)
     image = seen.values["image"]
     bad_poses = _bad_poses(image, ratio)
-    groups = _places(seen.xyz[odd, :2], np.sign(ratio[odd]))
     found = []
-    for group in range(int(groups.max()) + 1):
-        here = odd[groups == group]
+    for here in _places(seen.xyz[:, :2], ratio):
+        is_wrong[strip.which[here]] = True
         taken = seen.values["time_s"][here]
         found.append(
             Contradiction(
@@ -222,12 +219,17 @@ def _bad_poses(image: FloatArray, ratio: FloatArray) -> set[float]:
     return {float(one) for one in enough if abs(np.median(ratio[image == one])) > _POSE_SIGMAS}
 
 
-def _places(xy: FloatArray, sign: FloatArray) -> IntArray:
-    """Return the number of the place (N,) of contradictions: neighbours to the same side are one."""
-    pairs = cKDTree(xy).query_pairs(_SAME_PLACE_M, output_type="ndarray")
-    pairs = pairs[sign[pairs[:, 0]] == sign[pairs[:, 1]]]
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(xy), len(xy)))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+def _places(xy: FloatArray, ratio: FloatArray) -> list[IntArray]:
+    """Return the numbers of the heights of each place: one of more than four standard deviations, and neighbours to the same side."""
+    odd = np.flatnonzero(np.abs(ratio) > _ALSO_SIGMAS)
+    if not len(odd):
+        return []
+    pairs = cKDTree(xy[odd]).query_pairs(_SAME_PLACE_M, output_type="ndarray")
+    pairs = pairs[np.sign(ratio[odd[pairs[:, 0]]]) == np.sign(ratio[odd[pairs[:, 1]]])]
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(odd), len(odd)))
+    group = connected_components(links, directed=False)[1]
+    places = [odd[group == number] for number in range(int(group.max()) + 1)]
+    return [place for place in places if np.abs(ratio[place]).max() > _MOST_SIGMAS]
 
 
 def _reason(here: SurfacePoints, bad_poses: set[float]) -> str:

@@ -73,6 +73,7 @@ class ExtendResult(WrittenResult):
         stated: dict[str, Any] = {
             "n_heights": len(found.heights),
             "n_beyond_scans": int(self._is_beyond.sum()),
+            "error_factor": errors.factor,
             "floor_m": errors.floor_m,
             "error_per_metre_of_range": errors.per_metre,
             "n_learned": errors.n_learned,
@@ -103,7 +104,7 @@ class ExtendResult(WrittenResult):
         named = ", ".join(f"{reasons.count(reason)} × {reason}" for reason in dict.fromkeys(reasons))
         return [
             f"heights from images: {facts['n_heights']}, {facts['n_beyond_scans']} of them beyond the scans",
-            f"errors: {facts['floor_m']:.3f} m and {1e3 * facts['error_per_metre_of_range']:.1f} mm per metre of range beyond what correlation shows; {checked}",
+            f"errors: {facts['floor_m']:.3f} m, {1e3 * facts['error_per_metre_of_range']:.1f} mm per metre of range, and {facts['error_factor']:.1f} times what correlation shows; {checked}",
             f"standard deviation beyond the scans: {facts['sigma_beyond_m']:.2f} m (median), {facts['sigma_beyond_of_scans_alone_m']:.2f} m without images",
             f"contradictions: {named or 'none'}",
             f"orthoimage: {100 * facts['orthoimage_share']:.0f} % of the map is seen",
