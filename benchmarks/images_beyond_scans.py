@@ -41,7 +41,9 @@ from vision_slam.scan_agreement import MOVED
 
 RESULT = TABLES / "images_beyond_scans.json"
 SIDE_M, LENGTH_M, REACH_M, FIRST_SEED, N_WORKERS = 100.0, 30.0, 45.0, 9_300, 2
-LIDAR = LidarConfig(beams=32, columns=360, elevation_deg=(-35.0, 3.0), range_m=15.0, height_m=1.8, rate_hz=0.5)
+LIDAR = LidarConfig(
+    beams=32, columns=360, elevation_deg=(-35.0, 3.0), range_m=15.0, height_m=1.8, rate_hz=0.5
+)
 RTK, SBAS = GpsConfig(profile="rtk"), GpsConfig(profile="sbas")
 SCENERY = SceneryConfig(crevasses_per_ha=0.0, pools_per_ha=0.0, channels_per_ha=0.0, dirt_cones_per_ha=0.0)
 LOW_SUN = AppearanceConfig(sun_elevation_deg=8.0)
@@ -53,7 +55,7 @@ MAPPED_M = 10.0  # from the edge of the site
 PLAIN, LENS, MOVED_ROW, LIGHT, CONTRAST, POSES = (
     "as assumed", "focal length 0.3 % off", "snow banks removed", "low sun, exposure jumps", "half the contrast", "metres of GPS error",
 )  # fmt: skip
-N_OF = {PLAIN: 4, LENS: 2, MOVED_ROW: 3, LIGHT: 1, CONTRAST: 1, POSES: 1}
+N_OF = {PLAIN: 3, LENS: 1, MOVED_ROW: 2, LIGHT: 1, CONTRAST: 1, POSES: 1}
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,8 @@ class Figures(NamedTuple):
 def drives() -> list[Drive]:
     """Return the drives: the first ones are judged in several rows."""
     plain = [
-        Drive(tuple(row for row in (PLAIN, LENS, MOVED_ROW) if k < N_OF[row]), FIRST_SEED + k) for k in range(N_OF[PLAIN])
+        Drive(tuple(row for row in (PLAIN, LENS, MOVED_ROW) if k < N_OF[row]), FIRST_SEED + k)
+        for k in range(N_OF[PLAIN])
     ]
     others = [(row, k) for row in (LIGHT, CONTRAST, POSES) for k in range(N_OF[row])]
     return plain + [Drive((row,), FIRST_SEED + 100 + k) for k, (row, _) in enumerate(others)]
@@ -132,7 +135,9 @@ def judge(drive: Drive) -> dict[str, Figures]:
         recording, truth = driven.recording, driven.truth
         assert recording.camera is not None
         errors = stream(drive.seed, "prior", "errors")
-        prior = erroneous_copy(truth.dem.block_mean(1.0), SatelliteConfig(cell_m=10.0), stream(drive.seed, "prior"), errors)
+        prior = erroneous_copy(
+            truth.dem.block_mean(1.0), SatelliteConfig(cell_m=10.0), stream(drive.seed, "prior"), errors
+        )
         scans = scans_along(truth.trajectory, truth.dem, LIDAR, drive.seed)
         found = vision_slam.localize(recording, settings.assumed)
         made = {}
@@ -143,7 +148,9 @@ def judge(drive: Drive) -> dict[str, Figures]:
                 path = vision_slam.localize(given, settings.assumed)
             if row == MOVED_ROW:
                 used = _scans_without_banks(truth, drive.seed)
-            made[row] = _figures(given, used, path, prior, truth, row, began)
+            made[row] = _figures(replace(given, lidar=used), path, prior, truth, row)._replace(
+                cpu_s=time.process_time() - began
+            )
             began = time.process_time()
     return made
 
@@ -160,17 +167,17 @@ def _scans_without_banks(truth: Truth, seed: int) -> LidarScans:
     return scans_along(truth.trajectory, Dem.on(truth.dem.grid(), after), LIDAR, seed)
 
 
-def _figures(
-    recording: Recording, scans: LidarScans, found: Localization, prior: Dem, truth: Truth, row: str, began: float
-) -> Figures:
+def _figures(recording: Recording, found: Localization, prior: Dem, truth: Truth, row: str) -> Figures:
     """Extend the map of a drive, and judge it."""
     grid = Grid((MAPPED_M, MAPPED_M, SIDE_M - MAPPED_M, SIDE_M - MAPPED_M), 1.0, truth.dem.crs)
     assert recording.camera is not None
-    extended = extend_map(replace(recording, lidar=scans), found.trajectory, found.points, grid, prior)
+    extended = extend_map(recording, found.trajectory, found.points, grid, prior)
     nodes = extended.reconstruction.mean.xy
     real, beyond = truth.dem.at(nodes), ~extended.is_scanned.ravel()
     seen = seen_by_images(nodes, truth, recording.camera)
-    alone, made = (one.mean.elevation.ravel() - real for one in (extended.scans_alone, extended.reconstruction))
+    alone, made = (
+        one.mean.elevation.ravel() - real for one in (extended.scans_alone, extended.reconstruction)
+    )
     sigma = extended.reconstruction.std.elevation.ravel()
     judged, hidden = beyond & seen, beyond & ~seen
     n_banks = len(BANKS_M) if row == MOVED_ROW else 0
@@ -178,7 +185,7 @@ def _figures(
     inside = np.abs(made) <= 1.96 * sigma
     return Figures(
         alone[judged], made[judged], sigma[judged], inside[hidden], len(extended.heights), extended.errors.coverage,
-        n_banks, n_found, n_false, time.process_time() - began,
+        n_banks, n_found, n_false, 0.0,
     )  # fmt: skip
 
 
@@ -188,7 +195,9 @@ def _moved_places(extended: ExtendedMap, n_banks: int) -> tuple[int, int]:
     removed = np.array(BANKS_M[:n_banks]).reshape(-1, 2)
     away = np.linalg.norm(named[:, None] - removed[None], axis=2)
     near = 3.0 * BANK_RADIUS_M
-    return int((away.min(axis=0, initial=np.inf) <= near).sum()), int((away.min(axis=1, initial=np.inf) > near).sum())
+    return int((away.min(axis=0, initial=np.inf) <= near).sum()), int(
+        (away.min(axis=1, initial=np.inf) > near).sum()
+    )
 
 
 def seen_by_images(xy: FloatArray, truth: Truth, camera: Camera) -> BoolArray:
@@ -197,11 +206,16 @@ def seen_by_images(xy: FloatArray, truth: Truth, camera: Camera) -> BoolArray:
     xyz, n_seen = np.column_stack([xy, dem.at(xy) + 0.05]), np.zeros(len(xy), dtype=np.int64)
     for pose in np.linspace(0, len(path) - 1, 25).astype(int).tolist():
         turn = Rotation.from_quat(path.quaternion[pose]).as_matrix()
-        place, looks = path.position[pose] + turn @ camera.T_body_camera[:3, 3], turn @ camera.T_body_camera[:3, :3]
+        place, looks = (
+            path.position[pose] + turn @ camera.T_body_camera[:3, 3],
+            turn @ camera.T_body_camera[:3, :3],
+        )
         offset = xyz - place
         pixel = camera.project(offset @ looks)
         with np.errstate(invalid="ignore"):
-            inside = (pixel > 8.0).all(axis=1) & (pixel < [camera.width - 8.0, camera.height - 8.0]).all(axis=1)
+            inside = (pixel > 8.0).all(axis=1) & (pixel < [camera.width - 8.0, camera.height - 8.0]).all(
+                axis=1
+            )
         seen = np.flatnonzero(inside & (np.linalg.norm(offset, axis=1) < REACH_M))
         clear = np.ones(len(seen), dtype=np.bool_)
         for share in np.linspace(0.02, 0.985, 120):
@@ -213,7 +227,10 @@ def seen_by_images(xy: FloatArray, truth: Truth, camera: Camera) -> BoolArray:
 
 def row_of(judged: Sequence[Figures]) -> dict[str, Any]:
     """Return the scores of several sites."""
-    alone, error = ([_rms(one) for one in column] for column in zip(*((f.alone_m, f.error_m) for f in judged), strict=True))
+    alone, error = (
+        [_rms(one) for one in column]
+        for column in zip(*((f.alone_m, f.error_m) for f in judged), strict=True)
+    )
     ratio = np.array(error) / np.array(alone)
     inside = [float((np.abs(f.error_m) <= 1.96 * f.sigma_m).mean()) for f in judged]
     nodes = np.concatenate([np.abs(f.error_m) for f in judged])
@@ -231,9 +248,13 @@ def row_of(judged: Sequence[Figures]) -> dict[str, Any]:
         "error_p95_without_images_m": round(float(np.percentile(without, 95)), 3),
         "error_worst_m": round(float(nodes.max()), 3),
         "error_worst_without_images_m": round(float(without.max()), 3),
-        "coverage_95": round(float(np.concatenate([np.abs(f.error_m) <= 1.96 * f.sigma_m for f in judged]).mean()), 3),
+        "coverage_95": round(
+            float(np.concatenate([np.abs(f.error_m) <= 1.96 * f.sigma_m for f in judged]).mean()), 3
+        ),
         "coverage_95_least_site": round(min(inside), 3),
-        "coverage_95_hidden_ground": round(float(np.concatenate([f.hidden_inside for f in judged]).mean()), 3),
+        "coverage_95_hidden_ground": round(
+            float(np.concatenate([f.hidden_inside for f in judged]).mean()), 3
+        ),
         "coverage_95_held_out_heights": round(float(np.mean(strip)), 3) if strip else None,
         "banks_removed": sum(f.n_banks for f in judged),
         "banks_found": sum(f.n_found for f in judged),

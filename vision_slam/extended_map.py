@@ -55,6 +55,7 @@ def extend_map(
     landmarks: SurfacePoints,
     grid: Grid,
     prior: Dem | None = None,
+    *,
     config: ImageHeightsConfig | None = None,
     progress: Progress | None = None,
 ) -> ExtendedMap:
@@ -102,12 +103,16 @@ def extend_map(
     returns = RegisteredReturns.joined(list(place_scans(recording.lidar, PathInterpolator(path), SCANS)))
     parts = [scanned, landmarks]
     alone = reconstruct(joined_points(parts, [0, 0]), grid, prior, path=path.error)
-    seen = heights_from_images(recording.frames, recording.camera, path, alone.mean, config, progress=progress)
+    seen = heights_from_images(
+        recording.frames, recording.camera, path, alone.mean, config, progress=progress
+    )
     strip = ScanStrip.between(seen, returns)
     errors = HeightErrors.learned(seen, strip)
     found, is_wrong = contradictions(seen, strip, errors)
     if is_wrong.all():
-        raise InputError("all heights from images contradict the scans; check calibration and times of the images.")
+        raise InputError(
+            "all heights from images contradict the scans; check calibration and times of the images."
+        )
     heights = errors.added_to(seen.select(~is_wrong))
     together = reconstruct(joined_points([*parts, heights], [0, 0, 0]), grid, prior, path=path.error)
     is_scanned = _away_m(grid, returns.xyz) <= _SCANNED_M
@@ -118,8 +123,8 @@ def extend_map(
 
 def _away_m(grid: Grid, xyz: FloatArray) -> FloatArray:
     """Return the distance of the nodes (H, W) from the nearest of some places (N, 3) [m]."""
-    away: FloatArray = cKDTree(xyz[:, :2]).query(grid.xy)[0].reshape(grid.shape)
-    return away
+    away = cKDTree(xyz[:, :2]).query(grid.xy)[0]
+    return np.asarray(away, dtype=np.float64).reshape(grid.shape)
 
 
 def _no_surer(together: Reconstruction, alone: Reconstruction, is_unseen: BoolArray) -> Reconstruction:

@@ -15,8 +15,8 @@ A height is retained where two halves of the views agree, where no other distanc
 reference image confirms it. The error that all heights from one pose share, that of the pose, is carried by the keyframe of the points.
 """
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -26,10 +26,10 @@ from scipy.spatial import cKDTree
 from survey.core import BoolArray, FloatArray, InputError, IntArray, Progress, Section
 from survey.data import Dem, SurfacePoints, Trajectory
 from survey.data.camera import Camera
-from survey.data.frames import Frames
+from survey.data.frames import Frames, Image
 from survey.reconstruction.line_of_sight.scan_points import PathInterpolator, covariance_by_pose
 from vision_slam.odometry.tracks import ContrastEnhancer, grey_of
-from vision_slam.plane_sweep import Views, sweep_patches
+from vision_slam.plane_sweep import Patches, Sweep, Views, sweep_patches
 
 
 class ImageHeightsConfig(Section):
@@ -70,7 +70,10 @@ _AGREE_SIGMAS, _AGREE_STEPS = 3.0, 1.5
 _ACROSS_PX = 0.5
 _MARCH_M = 0.25
 _LEAST_VIEWS = 2
-_SAME_M, _MOSTLY = 0.12, 0.6  # difference of heights that confirm each other, and share of the neighbours that do
+_SAME_M, _MOSTLY = (
+    0.12,
+    0.6,
+)  # difference of heights that confirm each other, and share of the neighbours that do
 
 
 class RectifiedImages:
@@ -91,8 +94,10 @@ class RectifiedImages:
         column, row = np.meshgrid(np.arange(self.width), np.arange(self.height))
         rays = self.rays(np.column_stack([column.ravel(), row.ravel()]))
         maps = camera.project(rays).reshape(self.height, self.width, 2).astype(np.float32)
-        self._maps = np.nan_to_num(maps, nan=-1e3)
-        inside = (maps >= 1.0).all(axis=2) & (maps[..., 0] < camera.width - 2) & (maps[..., 1] < camera.height - 2)
+        self._columns, self._rows = np.moveaxis(np.nan_to_num(maps, nan=-1e3), 2, 0).copy()
+        inside = (
+            (maps >= 1.0).all(axis=2) & (maps[..., 0] < camera.width - 2) & (maps[..., 1] < camera.height - 2)
+        )
         self.is_inside: BoolArray = inside
         self._kept: dict[int, Views] = {}
 
@@ -108,14 +113,17 @@ class RectifiedImages:
 
     def grey(self, index: int) -> Views:
         """Return one image without its lens distortion, in its own grey values."""
-        image = grey_of(self._frames[index], *self._size)
-        return cv2.remap(image, self._maps, None, cv2.INTER_LINEAR).astype(np.float32)
+        return self._rectified(grey_of(self._frames[index], *self._size))
 
     def __getitem__(self, index: int) -> Views:
         if index not in self._kept:
             even = self._even(grey_of(self._frames[index], *self._size))
-            self._kept[index] = cv2.remap(even, self._maps, None, cv2.INTER_LINEAR).astype(np.float32)
+            self._kept[index] = self._rectified(even)
         return self._kept[index]
+
+    def _rectified(self, image: Image) -> Views:
+        seen = cv2.remap(image, self._columns, self._rows, cv2.INTER_LINEAR)
+        return np.asarray(seen, dtype=np.float32)
 
     def forget_before(self, index: int) -> None:
         """Free the memory of images before one."""
@@ -130,8 +138,10 @@ def _border(width: int, height: int) -> FloatArray:
 
 
 class CameraPoses(NamedTuple):
-    """Places (K, 3) [m] and turns R_world_camera (K, 3, 3) of the images, and the poses of the body."""
+    """Numbers (K,) of the images that a path places, their times [s], places (K, 3) [m] and turns R_world_camera (K, 3, 3), poses of the body, and way [m]."""
 
+    image: IntArray
+    time_s: FloatArray
     place: FloatArray
     turn: FloatArray
     body: FloatArray
@@ -140,12 +150,23 @@ class CameraPoses(NamedTuple):
 
     @classmethod
     def of(cls, path: Trajectory, time_s: FloatArray, camera: Camera) -> "CameraPoses":
-        """Return the poses at times (K,) that the path covers."""
-        at = PathInterpolator(path).at(time_s)
-        mount = camera.T_body_camera
+        """Return the poses of the images with times (N,) [s] that the path covers and whose pose is not lost."""
+        healthy = np.interp(time_s, path.time_s, np.asarray(path.health)) >= 0.5
+        image = np.flatnonzero((time_s >= path.time_s[0]) & (time_s <= path.time_s[-1]) & healthy)
+        if len(image) < 1 + _LEAST_VIEWS:
+            raise InputError(
+                f"the path covers the times of {len(image)} images, and three or more are needed; give images and path of one drive."
+            )
+        at, mount = PathInterpolator(path).at(time_s[image]), camera.T_body_camera
         place = at.position + at.rotation @ mount[:3, 3]
         steps = np.linalg.norm(np.diff(at.position, axis=0), axis=1)
-        return cls(place, at.rotation @ mount[:3, :3], at.position, at.rotation, np.r_[0.0, np.cumsum(steps)])
+        turn, travel_m = at.rotation @ mount[:3, :3], np.r_[0.0, np.cumsum(steps)]
+        return cls(image, time_s[image], place, turn, at.position, at.rotation, travel_m)
+
+    def every(self, spacing_m: float) -> list[int]:
+        """Return the first pose of each stretch of the way."""
+        stretch = np.floor(self.travel_m / spacing_m)
+        return np.flatnonzero(np.r_[True, np.diff(stretch) > 0]).tolist()
 
 
 class _Sighting(NamedTuple):
@@ -169,39 +190,53 @@ def heights_from_images(
     *,
     progress: Progress | None = None,
 ) -> SurfacePoints:
-    """Return heights of the ground that the images of a drive show."""
+    """Return heights of the ground that the images of a drive show.
+
+    Parameters
+    ----------
+    frames : Frames
+        Images of the drive.
+    camera : Camera
+        Calibration and mounting; the rows of the image are taken at one time.
+    path : Trajectory
+        Estimated path; images that it does not cover or whose pose is lost are left out.
+    surface : Dem
+        Map of the ground that is known before, in the CRS of the path, which says where and how inclined patches are expected.
+    config : ImageHeightsConfig, optional
+        Spacing, reach and gates.
+    progress : callable, optional
+        Progress callback (stage, done, total).
+
+    Returns
+    -------
+    SurfacePoints
+        One for each cell of ground, with keyframes where the path has its error. The values are the mean correlation, that of the next peak as
+        a share of it (``rival``), the grey value over the image's median (``brightness``), the number of the reference (``image``) and its time.
+
+    Raises
+    ------
+    InputError
+        Fewer than three images on the path, or no ground that two reference images confirm.
+
+    Notes
+    -----
+    Ground straight ahead has little parallax and gets few heights. Distances from 0.55 to 1.9 times the expected one are tried.
+    """
     config = config or ImageHeightsConfig()
-    time_s = frames.time_s
-    usable = trusted_images(time_s, path)
-    if len(usable) < 1 + _LEAST_VIEWS:
-        raise InputError(f"the path covers the times of {len(usable)} images, and three or more are needed; give images and path of one drive.")
-    images = RectifiedImages(frames, camera)
-    poses = CameraPoses.of(path, time_s[usable], camera)
-    ground = _Ground(surface)
-    found: list[_Sighting] = []
-    references = _every(poses.travel_m, config.spacing_m)
-    for done, reference in enumerate(references.tolist()):
-        sighting = _seen_from(reference, images, usable, poses, ground, config)
+    images, poses = RectifiedImages(frames, camera), CameraPoses.of(path, frames.time_s, camera)
+    ground, found = _Ground(surface), list[_Sighting]()
+    references = poses.every(config.spacing_m)
+    for done, reference in enumerate(references, start=1):
+        sighting = _seen_from(reference, images, poses, ground, config)
         if sighting is not None:
             found.append(sighting)
         if progress is not None:
-            progress("images", done + 1, len(references))
+            progress("images", done, len(references))
     if not found:
-        raise InputError("no image shows ground that others confirm.")
+        raise InputError("no image shows ground within reach; give more images, or a prior of the ground.")
     joined = _Sighting(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
-    return _as_points(joined, path, poses, time_s[usable], images.focal, surface, config)
-
-
-def trusted_images(time_s: FloatArray, path: Trajectory) -> IntArray:
-    """Return the numbers of the images whose times (K,) [s] a path covers and whose pose is not lost."""
-    healthy = np.interp(time_s, path.time_s, path.health) >= 0.5
-    return np.flatnonzero((time_s >= path.time_s[0]) & (time_s <= path.time_s[-1]) & healthy)
-
-
-def _every(travel_m: FloatArray, spacing_m: float) -> IntArray:
-    """Return the first image of each stretch of the way."""
-    stretch = np.floor(travel_m / spacing_m)
-    return np.flatnonzero(np.r_[True, np.diff(stretch) > 0])
+    points = _as_points(joined, path, poses, images.focal, config)
+    return replace(points, vertical_datum=surface.vertical_datum)
 
 
 class _Ground:
@@ -243,7 +278,6 @@ def _views_of(reference: int, travel_m: FloatArray, baselines_m: tuple[float, ..
 def _seen_from(
     reference: int,
     images: RectifiedImages,
-    usable: IntArray,
     poses: CameraPoses,
     ground: _Ground,
     config: ImageHeightsConfig,
@@ -252,7 +286,7 @@ def _seen_from(
     views = _views_of(reference, poses.travel_m, config.baselines_m)
     if len(views) < _LEAST_VIEWS:
         return None
-    images.forget_before(int(usable[views.min()]))
+    images.forget_before(int(poses.image[views.min()]))
     pixel, depth, normal = _expected(reference, images, poses, ground, config)
     if not len(pixel):
         return None
@@ -263,15 +297,14 @@ def _seen_from(
     first = 1.0 / (_LONGEST * depth)
     n_steps = int(min(_MOST_STEPS, np.ceil((1.0 / (_SHORTEST * depth) - first).max() / step[0])))
     step = np.maximum(step, (1.0 / (_SHORTEST * depth) - first) / n_steps)
-    stack = np.stack([images[int(usable[view])] for view in views])
+    stack = np.stack([images[int(poses.image[view])] for view in views])
     half = config.half_patch
-    curves = sweep_patches(
-        images[int(usable[reference])], stack, pixel, normal, first, step, n_steps, turn, shift, images.lens, half
-    )
+    patches, sweep = Patches(pixel, normal, first, step), Sweep(n_steps, *images.lens, *half)
+    curves = sweep_patches(images[int(poses.image[reference])], stack, patches, (turn, shift), sweep)
     best = _peaks(curves, first, step, config)
     ray = images.rays(pixel[best.which]) @ poses.turn[reference].T
     image = np.full(len(ray), reference)
-    brightness = _brightness(images.grey(int(usable[reference])), pixel, half)[best.which]
+    brightness = _brightness(images.grey(int(poses.image[reference])), pixel, half)[best.which]
     return _Sighting(image, ray, best.inverse_depth, best.sigma, best.correlation, best.rival, brightness)
 
 
@@ -327,7 +360,9 @@ def _peaks(curves: Views, first: FloatArray, step: FloatArray, config: ImageHeig
     halves = [_half_peak(curves[:, k::2], index) for k in (0, 1)]
     apart = np.abs(halves[0] - halves[1])
     agree = apart <= _AGREE_STEPS + _AGREE_SIGMAS * 2.0 * spread
-    good = inner & agree & (height >= config.least_correlation) & (rival <= _RIVAL_SHARE * height) & (bend > 0.0)
+    good = (
+        inner & agree & (height >= config.least_correlation) & (rival <= _RIVAL_SHARE * height) & (bend > 0.0)
+    )
     which = np.flatnonzero(good & np.isfinite(spread))
     rho = first[which] + (index[which] + offset[which]) * step[which]
     return _Peaks(which, rho, spread[which] * step[which], height[which], (rival / height)[which])
@@ -365,7 +400,7 @@ def _half_peak(curves: Views, index: IntArray) -> FloatArray:
 
 
 def _as_points(
-    seen: _Sighting, path: Trajectory, poses: CameraPoses, time_s: FloatArray, focal: float, surface: Dem, config: ImageHeightsConfig
+    seen: _Sighting, path: Trajectory, poses: CameraPoses, focal: float, config: ImageHeightsConfig
 ) -> SurfacePoints:
     """Return the points with their covariances and keyframes, one for each cell that two references confirm."""
     xyz = poses.place[seen.image] + seen.ray / seen.inverse_depth[:, None]
@@ -376,12 +411,14 @@ def _as_points(
     chosen = np.flatnonzero(sigma_z <= config.most_sigma_m)
     chosen = chosen[_confirmed(xyz[chosen], sigma_z[chosen], seen.image[chosen], config.cell_m)]
     if not len(chosen):
-        raise InputError("no ground is confirmed by two reference images; give images that are closer to each other.")
+        raise InputError(
+            "no ground is confirmed by two reference images; give images that are closer to each other."
+        )
     xyz, own, image = xyz[chosen], own[chosen], seen.image[chosen]
     rotation, body = poses.body_turn[image], poses.body[image]
-    keyframe = None if path.error is None else path.error.keyframe_at(time_s[image])
+    keyframe = None if path.error is None else path.error.keyframe_at(poses.time_s[image])
     if path.error is None or keyframe is None:
-        nearest = np.searchsorted(path.time_s, time_s[image]).clip(max=len(path) - 1)
+        nearest = np.searchsorted(path.time_s, poses.time_s[image]).clip(max=len(path) - 1)
         shared = path.covariance[nearest]
     else:
         shared = covariance_by_pose(xyz - body, rotation, path.error.pose_covariance(keyframe))
@@ -396,10 +433,9 @@ def _as_points(
             "rival": seen.rival[chosen],
             "brightness": seen.brightness[chosen],
             "image": image.astype(np.float64),
-            "time_s": time_s[image],
+            "time_s": poses.time_s[image],
         },
         crs=path.crs,
-        vertical_datum=surface.vertical_datum,
         own_covariance=own,
         keyframe=keyframe,
         heading_rad=np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]),

@@ -5,11 +5,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from survey.core import BoolArray, FloatArray
+from survey.core import BoolArray, FloatArray, IntArray
 from survey.data import Dem, Grid, Trajectory
 from survey.data.camera import Camera
 from survey.data.frames import Frames
-from vision_slam.ground_heights import CameraPoses, trusted_images
+from vision_slam.ground_heights import CameraPoses
 
 _CLEAR_M = 0.1  # above the line of sight that ground may reach
 _N_ON_SIGHT = 48
@@ -76,40 +76,50 @@ def orthoimage(
     -----
     Brightness is that of the images: light that depends on the direction of view, and exposures that change, leave seams.
     """
-    usable = trusted_images(frames.time_s, path)
-    poses = CameraPoses.of(path, frames.time_s[usable], camera)
-    xyz = np.column_stack([grid.xy, surface.at(grid.xy)])
-    total, weight = None, np.zeros(len(xyz))
-    stretch = np.floor(poses.travel_m / spacing_m)
-    for one in np.flatnonzero(np.r_[True, np.diff(stretch) > 0]).tolist():
-        image = np.atleast_3d(frames[int(usable[one])])[:, :, ::-1].astype(np.float32)
-        total = np.zeros((len(xyz), image.shape[2])) if total is None else total
-        cells, pixel, share = _seen(xyz, poses.place[one], poses.turn[one], camera, surface, farthest_m)
-        if len(cells):
-            seen = cv2.remap(np.ascontiguousarray(image), pixel[:, None].astype(np.float32), None, cv2.INTER_LINEAR)
-            total[cells] += share[:, None] * seen.reshape(len(cells), -1)
-            weight[cells] += share
-    assert total is not None
+    poses = CameraPoses.of(path, frames.time_s, camera)
+    xyz = np.column_stack([grid.xy, np.asarray(surface.at(grid.xy))])
+    total, weight = np.zeros((len(xyz), 1)), np.zeros(len(xyz))
+    for one in poses.every(spacing_m):
+        image = np.atleast_3d(frames[int(poses.image[one])])[:, :, ::-1].astype(np.float32)
+        seen = _seen(xyz, (poses.place[one], poses.turn[one]), camera, surface, farthest_m)
+        if not len(seen.cells):
+            continue
+        column, row = seen.pixel.astype(np.float32).T.copy()
+        values = cv2.remap(np.ascontiguousarray(image), column[:, None], row[:, None], cv2.INTER_LINEAR)
+        total = np.broadcast_to(total, (len(xyz), image.shape[2])).copy()
+        total[seen.cells] += seen.weight[:, None] * values.reshape(len(seen.cells), -1)
+        weight[seen.cells] += seen.weight
     with np.errstate(invalid="ignore"):
         mean = np.where(weight[:, None] > 0.0, total / weight[:, None], np.nan)
     return Orthoimage(mean.T.reshape(-1, *grid.shape), grid)
 
 
+class _Seen(NamedTuple):
+    """Numbers (M,) of cells that an image sees, their pixels (M, 2) and weights (M,)."""
+
+    cells: IntArray
+    pixel: FloatArray
+    weight: FloatArray
+
+
 def _seen(
-    xyz: FloatArray, place: FloatArray, turn: FloatArray, camera: Camera, surface: Dem, farthest_m: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the cells (M,) that one image sees, their pixels (M, 2) and weights (M,)."""
+    xyz: FloatArray, pose: tuple[FloatArray, FloatArray], camera: Camera, surface: Dem, farthest_m: float
+) -> _Seen:
+    """Return the cells that one image sees; its pose is its place and R_world_camera."""
+    place, turn = pose
     offset = xyz - place
     range_m = np.linalg.norm(offset, axis=1)
     cells = np.flatnonzero((range_m > _NEAREST_M) & (range_m < farthest_m))
     pixel = camera.project(offset[cells] @ turn)
     with np.errstate(invalid="ignore"):
-        inside = (pixel >= _BORDER_PX).all(axis=1) & (pixel <= [camera.width - 1 - _BORDER_PX, camera.height - 1 - _BORDER_PX]).all(axis=1)
+        inside = (pixel >= _BORDER_PX).all(axis=1) & (
+            pixel <= [camera.width - 1 - _BORDER_PX, camera.height - 1 - _BORDER_PX]
+        ).all(axis=1)
     cells, pixel = cells[inside], pixel[inside]
     clear = _is_clear(place, xyz[cells], surface)
     cells, pixel = cells[clear], pixel[clear]
     grazing = np.maximum(-offset[cells, 2] / range_m[cells], 0.01)
-    return cells, pixel, grazing / range_m[cells] ** 4
+    return _Seen(cells, pixel, grazing / range_m[cells] ** 4)
 
 
 def _is_clear(place: FloatArray, xyz: FloatArray, surface: Dem) -> BoolArray:

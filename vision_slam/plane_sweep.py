@@ -9,6 +9,8 @@ Gallup et al. 2007, "Real-time plane-sweeping stereo with multiple sweeping dire
 cross-correlation of patch and view for a series of inverse depths.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -19,94 +21,124 @@ Views = npt.NDArray[np.float32]
 
 # Depth changes within a patch by no more than this factor: planes seen edge-on would reach to the horizon.
 _MOST_SLANTED = 2.0
+_LEAST_DEPTH = 0.05  # share of the depth in the reference
 _LEAST_CONTRAST = 0.5  # standard deviation of a patch [grey values]
 
 
-@njit(cache=True, fastmath=False)
+class Patches(NamedTuple):
+    """Patches of the reference image.
+
+    `centre` (N, 2): column and row. `normal` (N, 3): of their planes in the camera's frame. `first`, `step` (N,): inverse depths ``first + k step`` [1/m].
+    """
+
+    centre: IntArray
+    normal: FloatArray
+    first: FloatArray
+    step: FloatArray
+
+
+class Sweep(NamedTuple):
+    """Number of inverse depths, focal length and principal point [pixels], and columns and rows of a patch on each side of its middle."""
+
+    n_steps: int
+    focal: float
+    cx: float
+    cy: float
+    across: int
+    down: int
+
+
+@njit(cache=True)
 def sweep_patches(
-    reference: Views,
-    views: Views,
-    centre: IntArray,
-    normal: FloatArray,
-    first: FloatArray,
-    step: FloatArray,
-    n_steps: int,
-    turn: FloatArray,
-    shift: FloatArray,
-    lens: tuple[float, float, float],
-    half: tuple[int, int],
+    reference: Views, views: Views, patches: Patches, relative: tuple[FloatArray, FloatArray], sweep: Sweep
 ) -> Views:
     """Return the correlation (N, V, n_steps) of patches with views; NaN where a view does not see the patch.
 
-    `reference` (H, W), `views` (V, H, W): images of one pinhole camera. `centre` (N, 2): column and row of the patches. `normal` (N, 3): of their
-    planes in the camera's frame. `first`, `step` (N,): inverse depths ``first + k step`` [1/m]. `turn` (V, 3, 3), `shift` (V, 3): pose of
-    the reference in each view [m]. `lens`: focal length and principal point [pixels]. `half`: columns and rows on each side of the middle.
+    `reference` (H, W), `views` (V, H, W): images of one pinhole camera. `relative`: turns (V, 3, 3) and shifts (V, 3) [m] of the reference in each
+    view.
     """
-    focal, cx, cy = lens
-    n_views, height, width = views.shape
-    across, down = half
-    n_pixels = (2 * across + 1) * (2 * down + 1)
-    found = np.full((len(centre), n_views, n_steps), np.nan, dtype=np.float32)
-    patch, along = np.empty(n_pixels), np.empty((n_pixels, 3))
-    slant, turned, seen = np.empty(n_pixels), np.empty((n_pixels, 3)), np.empty(n_pixels)
-    for k in range(len(centre)):
-        column, row = centre[k]
-        if column < across or row < down or column >= width - across or row >= height - down:
-            continue
-        u0, v0 = (column - cx) / focal, (row - cy) / focal
-        facing = normal[k, 0] * u0 + normal[k, 1] * v0 + normal[k, 2]
-        i, mean = 0, 0.0
-        for y in range(row - down, row + down + 1):
-            for x in range(column - across, column + across + 1):
-                u, v = (x - cx) / focal, (y - cy) / focal
-                along[i, 0], along[i, 1], along[i, 2] = u, v, 1.0
-                ratio = (normal[k, 0] * u + normal[k, 1] * v + normal[k, 2]) / facing
-                slant[i] = min(max(ratio, 1.0 / _MOST_SLANTED), _MOST_SLANTED)
-                patch[i] = reference[y, x]
-                mean += patch[i]
-                i += 1
-        mean /= n_pixels
-        square = 0.0
-        for i in range(n_pixels):
-            patch[i] -= mean
-            square += patch[i] ** 2
+    turn, shift = relative
+    n_views, n = len(views), len(patches.centre)
+    n_pixels = (2 * sweep.across + 1) * (2 * sweep.down + 1)
+    found = np.full((n, n_views, sweep.n_steps), np.nan, dtype=np.float32)
+    patch, plane, seen = np.empty(n_pixels), np.empty((n_pixels, 3)), np.empty(n_pixels)
+    turned, at = np.empty((n_pixels, 3)), np.empty((n_pixels, 3))
+    for k in range(n):
+        square = _patch_at(reference, patches.centre[k], patches.normal[k], sweep, (patch, plane))
         if square < n_pixels * _LEAST_CONTRAST**2:
             continue
         for j in range(n_views):
             for i in range(n_pixels):
                 for axis in range(3):
-                    turned[i, axis] = (
-                        turn[j, axis, 0] * along[i, 0] + turn[j, axis, 1] * along[i, 1] + turn[j, axis, 2]
-                    )
-            for h in range(n_steps):
-                rho = first[k] + h * step[k]
-                total, inside = 0.0, rho > 0.0
+                    row = turn[j, axis]
+                    turned[i, axis] = row[0] * plane[i, 0] + row[1] * plane[i, 1] + row[2]
+            for h in range(sweep.n_steps):
+                rho = patches.first[k] + h * patches.step[k]
                 for i in range(n_pixels):
-                    if not inside:
-                        break
-                    nearness = rho * slant[i]
-                    z = turned[i, 2] + nearness * shift[j, 2]
-                    if z < 0.05:
-                        inside = False
-                        break
-                    x = focal * (turned[i, 0] + nearness * shift[j, 0]) / z + cx
-                    y = focal * (turned[i, 1] + nearness * shift[j, 1]) / z + cy
-                    if x < 0.0 or y < 0.0 or x >= width - 1.0 or y >= height - 1.0:
-                        inside = False
-                        break
-                    left, top = int(x), int(y)
-                    s, t = x - left, y - top
-                    upper = views[j, top, left] * (1.0 - s) + views[j, top, left + 1] * s
-                    lower = views[j, top + 1, left] * (1.0 - s) + views[j, top + 1, left + 1] * s
-                    seen[i] = upper * (1.0 - t) + lower * t
-                    total += seen[i]
-                if not inside:
-                    continue
-                total /= n_pixels
-                both, own = 0.0, 0.0
-                for i in range(n_pixels):
-                    both += patch[i] * (seen[i] - total)
-                    own += (seen[i] - total) ** 2
-                if own >= n_pixels * _LEAST_CONTRAST**2:
-                    found[k, j, h] = both / np.sqrt(own * square)
+                    for axis in range(3):
+                        at[i, axis] = turned[i, axis] + rho * plane[i, 2] * shift[j, axis]
+                if _seen_patch(views[j], at, sweep, seen):
+                    found[k, j, h] = _correlation(patch, square, seen)
     return found
+
+
+@njit(cache=True)
+def _patch_at(
+    image: Views, centre: IntArray, normal: FloatArray, sweep: Sweep, filled: tuple[FloatArray, FloatArray]
+) -> float:
+    """Fill in a patch about its mean, and columns of its pixels on the plane z = 1 and their nearness over that of the middle; return its sum of squares.
+
+    Returns -1 where the patch leaves the image.
+    """
+    patch, plane = filled
+    column, row = centre
+    height, width = image.shape
+    if (
+        column < sweep.across
+        or row < sweep.down
+        or column >= width - sweep.across
+        or row >= height - sweep.down
+    ):
+        return -1.0
+    u0, v0 = (column - sweep.cx) / sweep.focal, (row - sweep.cy) / sweep.focal
+    facing = normal[0] * u0 + normal[1] * v0 + normal[2]
+    i = 0
+    for y in range(row - sweep.down, row + sweep.down + 1):
+        for x in range(column - sweep.across, column + sweep.across + 1):
+            u, v = (x - sweep.cx) / sweep.focal, (y - sweep.cy) / sweep.focal
+            ratio = (normal[0] * u + normal[1] * v + normal[2]) / facing
+            plane[i, 0], plane[i, 1] = u, v
+            plane[i, 2] = min(max(ratio, 1.0 / _MOST_SLANTED), _MOST_SLANTED)
+            patch[i] = image[y, x]
+            i += 1
+    patch -= patch.mean()
+    return float((patch**2).sum())
+
+
+@njit(cache=True)
+def _seen_patch(view: Views, at: FloatArray, sweep: Sweep, seen: FloatArray) -> bool:
+    """Fill in the grey values of a view at points (n, 3) of a patch in its frame; return whether it sees all of them."""
+    height, width = view.shape
+    for i in range(len(at)):
+        z = at[i, 2]
+        if z < _LEAST_DEPTH:
+            return False
+        x, y = sweep.focal * at[i, 0] / z + sweep.cx, sweep.focal * at[i, 1] / z + sweep.cy
+        if x < 0.0 or y < 0.0 or x >= width - 1.0 or y >= height - 1.0:
+            return False
+        left, top = int(x), int(y)
+        s, t = x - left, y - top
+        upper = view[top, left] * (1.0 - s) + view[top, left + 1] * s
+        lower = view[top + 1, left] * (1.0 - s) + view[top + 1, left + 1] * s
+        seen[i] = upper * (1.0 - t) + lower * t
+    return True
+
+
+@njit(cache=True)
+def _correlation(patch: FloatArray, square: float, seen: FloatArray) -> float:
+    """Return the correlation of a patch about its mean with grey values; NaN where these are all alike."""
+    mean, both, own = seen.mean(), 0.0, 0.0
+    for i in range(len(seen)):
+        both += patch[i] * (seen[i] - mean)
+        own += (seen[i] - mean) ** 2
+    return float(both / np.sqrt(own * square)) if own >= len(seen) * _LEAST_CONTRAST**2 else np.nan

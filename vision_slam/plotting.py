@@ -152,6 +152,8 @@ def extended_map(found: ExtendedMap, image: Orthoimage, path: FloatArray) -> Fig
         panel.set_yticks([])
     for number, one in enumerate(found.contradictions, start=1):
         axes[0].plot(*one.xy, "x", color=ESTIMATE)
-        axes[0].annotate(str(number), one.xy, xytext=(3, 3), textcoords="offset points", fontsize=7, color=ESTIMATE)
+        axes[0].annotate(
+            str(number), one.xy, xytext=(3, 3), textcoords="offset points", fontsize=7, color=ESTIMATE
+        )
     figure.colorbar(drawn, ax=axes[1:].tolist(), label="m", shrink=0.8)
     return figure

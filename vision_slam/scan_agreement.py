@@ -12,7 +12,7 @@ coverage is measured on the other half.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -29,11 +29,15 @@ _NEAR_M, _LEAST_RETURNS = 0.75, 6
 _BLOCK_M = 5.0
 _DEGREES = 4.0
 _LEAST_PAIRS = 20
-_ASSUMED = (2.5, 0.05, 0.003)  # factor, floor [m] and part of the range, where the strip is too small to learn from
+_ASSUMED = (
+    2.5,
+    0.05,
+    0.003,
+)  # factor, floor [m] and part of the range, where the strip is too small to learn from
 _FREE = np.array([0.5, 1.0, 1.0])  # standard deviations of their logarithms about these
 _MOST_SIGMAS, _ALSO_SIGMAS = 4.0, 2.0  # of a contradiction, and of heights beside it that belong to it
 _SAME_PLACE_M = 2.5
-_LEAST_OF_CHANGE, _LEAST_VIEWS_OF_CHANGE = 4, 2
+_LEAST_OF_CHANGE, _LEAST_VIEWS_OF_CHANGE, _CHANGE_SIGMAS = 4, 2, 2.5
 _POSE_SIGMAS, _LEAST_OF_POSE = 2.5, 6
 _DARK, _RIVAL = 0.75, 0.85
 
@@ -41,7 +45,7 @@ MOVED = "ground moved between images and scans"
 POSE = "pose error of the image"
 SHADOW = "shadow"
 REPEATED = "match on repeated texture"
-UNCONFIRMED = "match of a single image"
+UNCONFIRMED = "match that other images do not confirm"
 
 
 @dataclass(frozen=True)
@@ -60,9 +64,9 @@ class ScanStrip:
     @classmethod
     def between(cls, heights: SurfacePoints, returns: RegisteredReturns) -> "ScanStrip":
         """Pair heights with the plane through the returns within 0.75 m."""
-        tree = cKDTree(returns.xyz[:, :2])
+        neighbours: Any = cKDTree(returns.xyz[:, :2]).query_ball_point(heights.xyz[:, :2], _NEAR_M)
         found: list[tuple[int, float, float, float]] = []
-        for index, near in enumerate(tree.query_ball_point(heights.xyz[:, :2], _NEAR_M)):
+        for index, near in enumerate(neighbours):
             if len(near) < _LEAST_RETURNS:
                 continue
             height, sigma = _plane_at(returns.xyz[near] - heights.xyz[index])
@@ -106,13 +110,15 @@ class HeightErrors:
     @classmethod
     def learned(cls, heights: SurfacePoints, strip: ScanStrip) -> "HeightErrors":
         """Learn the errors on one half of the strip and test them on the other; assumed ones where it holds fewer than 20 heights."""
-        seen = heights.select(strip.which) if len(strip) else None
+        seen = _at(heights, strip.which) if len(strip) else None
         if seen is None or len(strip) < 2 * _LEAST_PAIRS:
             return cls(*_ASSUMED, 0, 0, float("nan"))
         block = np.floor(seen.xyz[:, :2] / _BLOCK_M).sum(axis=1) % 2 == 0
         found = _fitted(seen, strip, block)
         if min(block.sum(), (~block).sum()) < _LEAST_PAIRS:
-            return cls(*_fitted(seen, strip, np.ones(len(strip), dtype=np.bool_)), len(strip), 0, float("nan"))
+            return cls(
+                *_fitted(seen, strip, np.ones(len(strip), dtype=np.bool_)), len(strip), 0, float("nan")
+            )
         sigma = np.hypot(_height_sigma(seen, *found), strip.scan_sigma_m)
         inside = np.abs(strip.difference_m) <= 1.96 * sigma
         return cls(*found, int(block.sum()), int((~block).sum()), float(inside[~block].mean()))
@@ -128,6 +134,11 @@ class HeightErrors:
         assert heights.covariance is not None
         own = None if heights.own_covariance is None else heights.own_covariance + extra
         return replace(heights, covariance=heights.covariance + extra, own_covariance=own)
+
+
+def _at(heights: SurfacePoints, numbers: IntArray) -> SurfacePoints:
+    """Return the heights of ascending numbers."""
+    return heights.select(np.isin(np.arange(len(heights)), numbers))
 
 
 def _range_of(heights: SurfacePoints) -> FloatArray:
@@ -189,7 +200,7 @@ def contradictions(
     is_wrong = np.zeros(len(heights), dtype=np.bool_)
     if not len(strip):
         return [], is_wrong
-    seen = heights.select(strip.which)
+    seen = _at(heights, strip.which)
     ratio = strip.difference_m / np.hypot(errors.of(seen), strip.scan_sigma_m)
     image = seen.values["image"]
     bad_poses = _bad_poses(image, ratio)
@@ -203,10 +214,10 @@ def contradictions(
                 float(np.median(strip.difference_m[here])),
                 float(np.median(ratio[here])),
                 len(here),
-                len(np.unique(image[here])),
+                int(np.unique(image[here]).size),
                 (float(taken.min()), float(taken.max())),
                 float(np.median(strip.time_s[here])),
-                _reason(seen.select(here), bad_poses),
+                _reason(_at(seen, here), ratio[here], bad_poses),
             )
         )
     return sorted(found, key=lambda one: -abs(one.sigmas) * np.sqrt(one.n_heights)), is_wrong
@@ -232,13 +243,14 @@ def _places(xy: FloatArray, ratio: FloatArray) -> list[IntArray]:
     return [place for place in places if np.abs(ratio[place]).max() > _MOST_SIGMAS]
 
 
-def _reason(here: SurfacePoints, bad_poses: set[float]) -> str:
+def _reason(here: SurfacePoints, ratio: FloatArray, bad_poses: set[float]) -> str:
     """Return why the heights of one place contradict the scans."""
     images = here.values["image"]
     if np.mean([float(one) in bad_poses for one in images]) > 0.5:
         return POSE
     if np.median(here.values["brightness"]) < _DARK:
         return SHADOW
-    if len(here) >= _LEAST_OF_CHANGE and len(np.unique(images)) >= _LEAST_VIEWS_OF_CHANGE:
+    is_clear = abs(float(np.median(ratio))) >= _CHANGE_SIGMAS
+    if is_clear and len(here) >= _LEAST_OF_CHANGE and len(np.unique(images)) >= _LEAST_VIEWS_OF_CHANGE:
         return MOVED
     return REPEATED if np.median(here.values["rival"]) > _RIVAL else UNCONFIRMED

@@ -54,7 +54,9 @@ class ExtendResult(WrittenResult):
         made = self.found.reconstruction
         with replacing_folder(self.request.out, own=OWN_FILES) as draft:
             bands = {"elevation": made.mean.elevation, "standard_deviation": made.std.elevation}
-            write_raster(draft / "map.tif", bands, made.mean.transform, made.mean.crs, made.mean.vertical_datum)
+            write_raster(
+                draft / "map.tif", bands, made.mean.transform, made.mean.crs, made.mean.vertical_datum
+            )
             grid = self.image.grid
             write_raster(draft / "orthoimage.tif", self.image.named, grid.transform, grid.crs)
             self.found.heights.write(draft / "heights.gpkg")
@@ -121,7 +123,12 @@ def preview_extension(request: ExtendRequest) -> Preview:
     """Read recording, path and landmarks, and return their numbers."""
     recording, path, landmarks, grid, _ = _inputs(request)
     images = 0 if recording.frames is None else len(recording.frames)
-    facts = {"images": images, "poses": len(path), "landmarks": len(landmarks), "nodes": int(np.prod(grid.shape))}
+    facts = {
+        "images": images,
+        "poses": len(path),
+        "landmarks": len(landmarks),
+        "nodes": int(np.prod(grid.shape)),
+    }
     return Preview.of([request.out], facts)
 
 
@@ -152,7 +159,7 @@ def extend(request: ExtendRequest, progress: Progress = no_progress) -> ExtendRe
     from vision_slam.orthoimage import orthoimage
 
     config = ImageHeightsConfig(farthest_m=request.reach_m)
-    found = extend_map(recording, path, landmarks, grid, prior, config, progress)
+    found = extend_map(recording, path, landmarks, grid, prior, config=config, progress=progress)
     assert recording.frames is not None
     assert recording.camera is not None
     cells = survey.Grid.over(grid.bounds, request.pixel_m, grid.crs)
