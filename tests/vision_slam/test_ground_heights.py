@@ -1,68 +1,29 @@
 """Heights from images of a textured tilted plane that known cameras see, and their agreement with scans."""
 
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from survey import Dem, Grid, InputError, SurfacePoints, Trajectory
-from survey.data.camera import Camera
-from survey.data.frames import Frames
 from survey.reconstruction.line_of_sight.scan_points import RegisteredReturns
+from tests.vision_slam.tilted_plane import CAMERA, CRS, SOUTH, WEST, drive, height, tone
 from vision_slam.ground_heights import ImageHeightsConfig, heights_from_images
 from vision_slam.orthoimage import orthoimage
 from vision_slam.scan_agreement import MOVED, POSE, SHADOW, HeightErrors, ScanStrip, contradictions
 
-CRS = "EPSG:32608"
-SLOPE = np.array([0.02, 0.12])  # rises to the left of the way
-TEXEL_M = 0.1
-FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.8], [0.0, 0.0, 0.0, 1.0]])
-CAMERA = Camera("pinhole", 320, 200, [[200.0, 0, 159.5], [0, 200.0, 60.0], [0, 0, 1]], np.zeros(5), FORWARD)
 CONFIG = ImageHeightsConfig(
     nearest_m=5.0, farthest_m=20.0, spacing_m=2.0, baselines_m=(0.5, 1.0, 2.0), pixel_step=(16, 6)
 )
 
 
-def plane(xy):
-    return np.asarray(xy) @ SLOPE
-
-
-@cache
-def world():
-    """Return images along 6 m of a way to the east over the plane, their path, and a map of the ground that is 0.4 m too low."""
-    rng = np.random.default_rng(3)
-    texture = sum(gaussian_filter(rng.standard_normal((500, 800)), s) * s for s in (1.0, 2.5, 6.0))
-    texture = np.clip(128 + 60 * texture / texture.std(), 0, 255)
-    time_s = np.arange(13.0)
-    foot = np.column_stack([0.5 * time_s, np.zeros(13), plane(np.column_stack([0.5 * time_s, np.zeros(13)]))])
-    images = [_image(place + [0.0, 0.0, 1.8], texture) for place in foot]
-    still = np.tile([0.0, 0.0, 0.0, 1.0], (13, 1))
-    path = Trajectory(time_s, foot, still, np.tile(1e-4 * np.eye(3), (13, 1, 1)), CRS)
-    grid = Grid((-10.0, -24.0, 40.0, 24.0), 1.0, CRS)
-    low = Dem.on(grid, (plane(grid.xy) - 0.4).reshape(grid.shape))
-    return SimpleNamespace(frames=Frames(time_s, images), path=path, low=low, texture=texture)
-
-
-def _image(eye, texture):
-    """Return the image of the plane from an eye that looks to the east."""
-    column, row = np.meshgrid(np.arange(320.0), np.arange(200.0))
-    ray = CAMERA.rays(np.column_stack([column.ravel(), row.ravel()])) @ FORWARD[:3, :3].T
-    along = (plane(eye[:2]) - eye[2]) / (ray[:, 2] - plane(ray[:, :2]))
-    xy = eye[:2] + ray[:, :2] * along[:, None]
-    grey = map_coordinates(texture, ((xy + [10.0, 25.0]) / TEXEL_M).T[::-1], order=1, mode="nearest")
-    seen = (along > 0.0) & (along < 60.0)
-    return np.where(seen, grey, 200.0).reshape(200, 320).astype(np.uint8)
-
-
 @cache
 def heights():
-    return heights_from_images(world().frames, CAMERA, world().path, world().low, CONFIG)
+    return heights_from_images(drive().frames, CAMERA, drive().path, drive().low, CONFIG)
 
 
 def test_heights_are_those_of_the_plane_although_the_map_is_too_low():
-    error = heights().xyz[:, 2] - plane(heights().xyz[:, :2])
+    error = heights().xyz[:, 2] - height(heights().xyz[:, :2])
     assert len(error) > 60
     assert np.median(np.abs(error)) < 0.03
     assert np.percentile(np.abs(error), 95) < 0.12
@@ -70,16 +31,16 @@ def test_heights_are_those_of_the_plane_although_the_map_is_too_low():
 
 
 def test_a_path_without_images_is_refused():
-    later = Trajectory(world().path.time_s + 50.0, *list(vars(world().path).values())[1:5])
+    later = Trajectory(drive().path.time_s + 50.0, *list(vars(drive().path).values())[1:5])
     with pytest.raises(InputError, match="three or more are needed"):
-        heights_from_images(world().frames, CAMERA, later, world().low, CONFIG)
+        heights_from_images(drive().frames, CAMERA, later, drive().low, CONFIG)
 
 
 def test_the_orthoimage_is_the_texture():
-    grid = Grid((8.0, -3.0, 11.0, 3.0), 0.1, CRS)
-    true = Dem.on(world().low.grid(), world().low.elevation + 0.4)
-    made = orthoimage(world().frames, CAMERA, world().path, true, grid, farthest_m=20.0)
-    real = map_coordinates(world().texture, ((grid.xy + [10.0, 25.0]) / TEXEL_M).T[::-1], order=1)
+    grid = Grid((WEST + 10.0, SOUTH - 3.0, WEST + 13.0, SOUTH + 3.0), 0.1, CRS)
+    true = Dem.on(drive().low.grid(), drive().low.elevation + 0.4)
+    made = orthoimage(drive().frames, CAMERA, drive().path, true, grid, farthest_m=20.0)
+    real = tone(drive().texture, grid.xy)
     seen = np.isfinite(made.bands[0].ravel())
     assert list(made.named) == ["grey"]
     assert made.seen_share > 0.9
@@ -144,7 +105,6 @@ def test_ground_that_moved_is_found_and_named():
 
 def test_dark_patches_are_shadows_and_one_image_is_a_pose_error():
     points, returns = scene(change=0.8)
-    points.values["brightness"]
     dark = SurfacePoints(
         **vars(points) | {"values": dict(points.values) | {"brightness": np.full(len(points), 0.4)}}
     )
