@@ -15,7 +15,7 @@ from firnline.actions.interface import (
     refuse_existing,
 )
 from firnline.actions.requests import ExtendRequest
-from survey.core import InputError, picture_files, replacing_folder
+from survey.core import BoolArray, InputError, picture_files, replacing_folder
 from survey.core.documents import write_json
 from survey.io.raster import write_raster
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 OWN_FILES = ("map.tif", "orthoimage.tif", "heights.gpkg", "extend.json", *picture_files("extended"))
 """Names of the files that an extended map consists of."""
+_HALF, _NEAR_M = 0.5, 2.0
 _MOST_NODES, _MOST_CELLS = 250_000, 4_000_000
 
 
@@ -71,7 +72,7 @@ class ExtendResult(WrittenResult):
     def facts(self) -> dict[str, Any]:
         """Return numbers of heights, learned errors and contradictions."""
         found, errors = self.found, self.found.errors
-        beyond = ~found.is_scanned
+        beyond = self._is_extended
         stated: dict[str, Any] = {
             "n_heights": len(found.heights),
             "n_beyond_scans": int(self._is_beyond.sum()),
@@ -90,9 +91,18 @@ class ExtendResult(WrittenResult):
         return stated
 
     @property
-    def _is_beyond(self) -> Any:
-        away = survey.Dem.on(self.found.reconstruction.mean.grid(), self.found.is_scanned.astype(np.float64))
-        return away.at(self.found.heights.xyz[:, :2]) < 0.5
+    def _is_beyond(self) -> BoolArray:
+        """Whether each height lies beyond the scans."""
+        scanned = survey.Dem.on(self.found.scans_alone.mean.grid(), self.found.is_scanned.astype(np.float64))
+        return np.asarray(scanned.at(self.found.heights.xyz[:, :2])) < _HALF
+
+    @property
+    def _is_extended(self) -> BoolArray:
+        """Whether each node (H, W) lies beyond the scans and near a height."""
+        from scipy.spatial import cKDTree
+
+        away = cKDTree(self.found.heights.xyz[:, :2]).query(self.found.scans_alone.mean.xy)[0]
+        return ~self.found.is_scanned & (away.reshape(self.found.is_scanned.shape) <= _NEAR_M)
 
     def lines(self) -> list[str]:
         """Return heights, errors, contradictions by reason, and the place of the map."""
@@ -107,7 +117,7 @@ class ExtendResult(WrittenResult):
         return [
             f"heights from images: {facts['n_heights']}, {facts['n_beyond_scans']} of them beyond the scans",
             f"errors: {facts['floor_m']:.3f} m, {1e3 * facts['error_per_metre_of_range']:.1f} mm per metre of range, and {facts['error_factor']:.1f} times what correlation shows; {checked}",
-            f"standard deviation beyond the scans: {facts['sigma_beyond_m']:.2f} m (median), {facts['sigma_beyond_of_scans_alone_m']:.2f} m without images",
+            f"standard deviation where images extend the scans: {facts['sigma_beyond_m']:.2f} m (median), {facts['sigma_beyond_of_scans_alone_m']:.2f} m without images",
             f"contradictions: {named or 'none'}",
             f"orthoimage: {100 * facts['orthoimage_share']:.0f} % of the map is seen",
             f"map: {self.request.out}",

@@ -67,7 +67,13 @@ def write_drive(folder: Path) -> None:
     path, rng = made.path, np.random.default_rng(4)
     real = Dem.on(made.low.grid(), made.low.elevation + 0.4)
     lidar = LidarConfig(
-        beams=16, columns=180, elevation_deg=(-30.0, 2.0), range_m=10.0, height_m=EYE_M, spray_share=0.0, ghost_share=0.0
+        beams=16,
+        columns=180,
+        elevation_deg=(-30.0, 2.0),
+        range_m=10.0,
+        height_m=EYE_M,
+        spray_share=0.0,
+        ghost_share=0.0,
     )
     with FrameWriter(folder / "drive" / "frames") as writer:
         for time_s, image in zip(path.time_s, made.frames.images, strict=True):

@@ -21,7 +21,16 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def extended(place: Path, *options: str) -> str:
-    command = ["extend", str(place / "drive"), str(place / "localized"), "--reach", "20", "--grid", "2", *options]
+    command = [
+        "extend",
+        str(place / "drive"),
+        str(place / "localized"),
+        "--reach",
+        "20",
+        "--grid",
+        "2",
+        *options,
+    ]
     return CliRunner().invoke(app, [*command, "--out", str(place / "beyond")]).output
 
 
@@ -44,6 +53,8 @@ def test_images_extend_the_map_of_the_scans(place):
 
 def test_a_folder_without_landmarks_is_refused(place, tmp_path):
     (tmp_path / "trajectory.csv").write_bytes((place / "localized" / "trajectory.csv").read_bytes())
-    done = CliRunner().invoke(app, ["extend", str(place / "drive"), str(tmp_path), "-o", str(tmp_path / "out")])
+    done = CliRunner().invoke(
+        app, ["extend", str(place / "drive"), str(tmp_path), "-o", str(tmp_path / "out")]
+    )
     assert done.exit_code != 0
     assert "no landmarks.gpkg" in done.output
