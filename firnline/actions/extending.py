@@ -101,7 +101,7 @@ class ExtendResult(WrittenResult):
         """Whether each node (H, W) lies beyond the scans and near a height."""
         from scipy.spatial import cKDTree
 
-        away = cKDTree(self.found.heights.xyz[:, :2]).query(self.found.scans_alone.mean.xy)[0]
+        away = np.asarray(cKDTree(self.found.heights.xyz[:, :2]).query(self.found.scans_alone.mean.xy)[0])
         return ~self.found.is_scanned & (away.reshape(self.found.is_scanned.shape) <= _NEAR_M)
 
     def lines(self) -> list[str]:
