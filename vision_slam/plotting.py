@@ -1,4 +1,4 @@
-"""Figures of tracked corners on images, before and after contrast enhancement, and of features that photographs share."""
+"""Figures of tracked corners on images, of features that photographs share, and of a map that images extend."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,12 +8,14 @@ from matplotlib.figure import Figure
 from survey import Camera, InputError
 from survey.core import FloatArray
 from survey.data.frames import Frames, Image
-from survey.figures.style import ESTIMATE, FULL_IN, styled
+from survey.figures.style import DEVIATION, ESTIMATE, FULL_IN, INK, styled
 from vision_slam.attitude import initial_pose
 from vision_slam.config import VisualOdometryConfig
+from vision_slam.extended_map import ExtendedMap
 from vision_slam.motion import MotionSensors
 from vision_slam.odometry.tracks import ContrastEnhancer, grey_of
 from vision_slam.odometry.visual_slam import VisualSlam
+from vision_slam.orthoimage import Orthoimage
 from vision_slam.photographs.matches import detect_features, epipolar_error_px, match_features
 from vision_slam.readers.sequence import VisionRecords
 
@@ -113,3 +115,45 @@ def _shared_pixels(frames: Frames, first: int) -> tuple[FloatArray, FloatArray]:
     shared = match_features(before, after, epipolar_error_px(frames[first]))
     shared = shared[np.argsort(before.pixel[shared[:, 0], 0])]
     return before.pixel[shared[:, 0]], after.pixel[shared[:, 1]]
+
+
+_LINES_M = (0.5, 1.0, 2.0, 5.0, 10.0)
+
+
+@styled
+def extended_map(found: ExtendedMap, image: Orthoimage, path: FloatArray) -> Figure:
+    """Draw the orthoimage with contours, heights and contradictions, and the standard deviation with and without images.
+
+    `path` (N, 2): the way of the drive [m].
+    """
+    figure = Figure(figsize=(FULL_IN, 0.42 * FULL_IN), layout="constrained")
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    with_images, alone = found.reconstruction, found.scans_alone
+    west, south, east, north = with_images.mean.bounds
+    extent = (west, east, south, north)
+    bands = np.nan_to_num(np.moveaxis(image.bands, 0, 2), nan=255.0) / 255.0
+    axes[0].imshow(np.broadcast_to(bands, (*bands.shape[:2], 3)), extent=extent)
+    heights = with_images.mean.elevation
+    relief = float(np.nanmax(heights) - np.nanmin(heights))
+    step = next((one for one in _LINES_M if relief / one < 12), _LINES_M[-1])
+    levels = np.arange(np.floor(np.nanmin(heights) / step), np.nanmax(heights) / step) * step
+    axes[0].contour(with_images.mean.x, with_images.mean.y, heights, levels, colors=INK, linewidths=0.4)
+    axes[0].set_title(f"Orthoimage, contours {step:g} m", fontsize=9)
+    limit = float(np.nanpercentile(alone.std.elevation, 95))
+    for panel, made, name in zip(axes[1:], (alone, with_images), ("Scans alone", "With images"), strict=True):
+        drawn = panel.imshow(made.std.elevation, extent=extent, cmap=DEVIATION, vmin=0.0, vmax=limit)
+        panel.contour(made.mean.x, made.mean.y, found.is_scanned, [0.5], colors=INK, linewidths=0.7)
+        panel.set_title(f"{name}, standard deviation", fontsize=9)
+    axes[2].plot(*found.heights.xyz[:, :2].T, ".", color=INK, markersize=0.8)
+    for panel in axes:
+        panel.plot(*path.T, color=ESTIMATE, linewidth=1.2)
+        panel.set_aspect("equal")
+        panel.set_xticks([])
+        panel.set_yticks([])
+    for number, one in enumerate(found.contradictions, start=1):
+        axes[0].plot(*one.xy, "x", color=ESTIMATE)
+        axes[0].annotate(
+            str(number), one.xy, xytext=(3, 3), textcoords="offset points", fontsize=7, color=ESTIMATE
+        )
+    figure.colorbar(drawn, ax=axes[1:].tolist(), label="m", shrink=0.8)
+    return figure

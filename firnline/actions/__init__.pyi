@@ -18,6 +18,8 @@ from firnline.actions.exporting import UploadResult as UploadResult
 from firnline.actions.exporting import download as download
 from firnline.actions.exporting import export as export
 from firnline.actions.exporting import upload as upload
+from firnline.actions.extending import ExtendResult as ExtendResult
+from firnline.actions.extending import extend as extend
 from firnline.actions.interface import NotMetError as NotMetError
 from firnline.actions.interface import Preview as Preview
 from firnline.actions.interface import Result as Result
@@ -32,6 +34,7 @@ from firnline.actions.plan_request import PlanRequest as PlanRequest
 from firnline.actions.plan_request import PlanResult as PlanResult
 from firnline.actions.planning import plan as plan
 from firnline.actions.requests import CountsRequest as CountsRequest
+from firnline.actions.requests import ExtendRequest as ExtendRequest
 from firnline.actions.requests import InitRequest as InitRequest
 from firnline.actions.requests import MonteCarloRequest as MonteCarloRequest
 from firnline.actions.requests import PayloadRequest as PayloadRequest

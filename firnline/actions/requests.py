@@ -400,6 +400,37 @@ class CountsRequest(PictureOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ExtendRequest(PictureOptions):
+    """Drive with images and LiDAR scans whose map the images are to extend."""
+
+    recording: Annotated[Path, Argument(help="Recording with images, their calibration and LiDAR scans.")]
+    localization: Annotated[
+        Path,
+        Argument(help="Folder that localize wrote for it: trajectory.csv with its error, landmarks.gpkg."),
+    ]
+    prior: Annotated[
+        Path | None, Option("--prior", help="Coarse elevation model around the drive, such as a satellite's.")
+    ] = None
+    area: Annotated[
+        Path | None,
+        Option(
+            "--area", help="Polygon file whose bounds are mapped; without it the drive and --reach around it."
+        ),
+    ] = None
+    grid: Annotated[float, Option("--grid", min=0.1, help="Distance between the nodes of the map [m].")] = 1.0
+    pixel_m: Annotated[float, Option("--pixel", min=0.02, help="Side of a cell of the orthoimage [m].")] = (
+        0.25
+    )
+    reach_m: Annotated[
+        float, Option("--reach", min=15.0, help="Farthest ground whose height is taken from images [m].")
+    ] = 45.0
+    out: Annotated[
+        Path, Option("--out", "-o", help="Folder for map, orthoimage, heights, contradictions and picture.")
+    ] = Path("extended")
+    force: Annotated[bool, Option("--force", help="Replace an existing map.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class RerouteRequest(PictureOptions):
     """Route of a rover that is to be changed around hazards in the points that it has seen."""
 

@@ -1,10 +1,10 @@
-"""Commands from a recording to a map: ``localize``, ``calibrate``, ``reconstruct``, ``payload`` and ``counts``."""
+"""Commands from a recording to a map: ``localize``, ``calibrate``, ``reconstruct``, ``extend``, ``payload`` and ``counts``."""
 
 import typer
 
 from firnline import actions
 from firnline.actions.interface import preview_of
-from firnline.actions.requests import CountsRequest, PayloadRequest, ReconstructRequest
+from firnline.actions.requests import CountsRequest, ExtendRequest, PayloadRequest, ReconstructRequest
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import (
@@ -137,6 +137,26 @@ def _map_in_tiles(request: ReconstructRequest, printing: Printing) -> None:
 
 
 @with_exit_codes
+@with_options_of(ExtendRequest)
+def extend(
+    request: ExtendRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
+) -> None:
+    """Map ground beyond the range of a scanner with the images of its drive.
+
+    For example:
+
+      firnline extend recording localization --prior srtm.tif
+
+      firnline extend results/runs/mine/latest/2-simulate/recording results/runs/mine/latest/3-localize --reach 30 -o beyond
+
+    Written are map.tif (elevation and standard deviation), orthoimage.tif (grey or colour), heights.gpkg (heights from images
+    with their errors), extend.json (errors, and places where images contradict scans with their reasons), and the picture
+    extended.png.
+    """
+    perform(actions.extend, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
+
+
+@with_exit_codes
 @with_options_of(PayloadRequest)
 def payload(request: PayloadRequest, dry_run: DryRun = False, quiet: Quiet = False) -> None:
     """Map a quantity that was logged on a drive: a Gaussian process with elevation as covariate.
@@ -171,5 +191,5 @@ def counts(
     perform(actions.count_map, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
-COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, payload, counts)}
+COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, extend, payload, counts)}
 """Commands by the step of a survey that they belong to."""

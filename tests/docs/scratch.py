@@ -13,6 +13,7 @@
 | weather.csv | air temperature along four lines |
 | line.geojson, seen.csv | a swath across a ditch, and the points that a scanner saw there |
 | gamma.csv | counts of radiation on eight lines |
+| drive, localized | images and scans along 8 m of a tilted plane, and their localization |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 | 2026.laz, 2024.laz | point clouds of two surveys |
 """
@@ -28,6 +29,7 @@ from survey import Dem, Grid, Leg, Route, SurfacePoints, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.io.raster import write_raster
 from survey.io.vector import write_features
+from tests.vision_slam.tilted_plane import write_drive
 
 CRS = "EPSG:32608"
 PROJECTED = pyproj.CRS(CRS)
@@ -71,6 +73,7 @@ def make_scratch(folder: Path) -> None:
     _write_weather(folder / "weather.csv", rng)
     _write_clouds(folder, rng)
     _write_counts(folder / "gamma.csv")
+    write_drive(folder)
     write_ditch(folder)
 
 

@@ -36,6 +36,7 @@ from survey import Dem, Grid, Route, SurveyArea
 from survey.core.text import round_number
 from tests.docs.scratch import write_ditch
 from tests.vision_slam.rendered import chessboard_images
+from tests.vision_slam.tilted_plane import write_drive
 
 CRS = "EPSG:32608"
 WEST, SOUTH = 500_000.0, 6_700_000.0
@@ -115,6 +116,7 @@ def write_inputs(folder: Path) -> None:
     warm = [f"{x:.2f},{y:.2f},{-4.0 + np.sin(x / 50.0):.4f}" for x, y in xy]
     counted = [f"{x},{y},{3 + (7 * k) % 5},10" for k, (x, y) in enumerate(xy)]
     write_ditch(folder)
+    write_drive(folder)
     (folder / "gamma.csv").write_text("\n".join(["easting_m,northing_m,counts,exposure_s", *counted]) + "\n")
     (folder / "log.csv").write_text("\n".join(["easting_m,northing_m,air_temperature", *warm]) + "\n")
     (folder / "mine.toml").write_text(MISSION)
@@ -210,6 +212,19 @@ DOORS = {
         ("gamma.csv", "--crs", "EPSG:32608", "--grid", "8", "-o", "gamma"),
         lambda: actions.count_map(
             actions.CountsRequest(counts=Path("gamma.csv"), crs="EPSG:32608", grid=8.0, out=Path("gamma"))
+        ),
+    ),
+    "extend": Door(
+        ("drive", "localized", "--reach", "20", "--grid", "2", "--pixel", "0.5", "-o", "beyond"),
+        lambda: actions.extend(
+            actions.ExtendRequest(
+                recording=Path("drive"),
+                localization=Path("localized"),
+                reach_m=20.0,
+                grid=2.0,
+                pixel_m=0.5,
+                out=Path("beyond"),
+            )
         ),
     ),
     "reroute": Door(
