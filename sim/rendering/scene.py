@@ -1,4 +1,4 @@
-"""What is constant from frame to frame: surface, lit ground, textures of snow and of rough ground, and backdrop."""
+"""What is constant from frame to frame: surface, lit ground, textures of snow and of rough ground, and what is around."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sim.config.world import AppearanceConfig
+from sim.rendering.clouds import Clouds, clouds_of
 from sim.rendering.compiled import Ints, Words
+from sim.rendering.far_ground import FarGround, far_ground
 from sim.rendering.light import Backdrop, GroundMap, backdrop, ground_map, mipmap
 from sim.rendering.visibility import Surface, surface_of
 from sim.world.appearance import (
@@ -22,6 +24,8 @@ from sim.world.appearance import (
     surface_tile,
 )
 from sim.world.fine_terrain import FineTerrain
+from sim.world.surroundings import surroundings_of
+from survey import Dem
 
 
 class Texture(NamedTuple):
@@ -52,16 +56,28 @@ class RenderScene(NamedTuple):
     grain: Texture
     rough: RoughGround
     backdrop: Backdrop
+    far: FarGround
+    clouds: Clouds
 
 
 def scene_of(
-    terrain: FineTerrain, datum: float, look: AppearanceConfig, wind_from_deg: float, seed: int
+    terrain: FineTerrain,
+    datum: float,
+    look: AppearanceConfig,
+    wind_from_deg: float,
+    seed: int,
+    surroundings: Dem | None = None,
 ) -> RenderScene:
-    """Return what is constant from frame to frame: surface, ground map, textures, backdrop."""
+    """Return what is constant from frame to frame: surface, ground map, textures, backdrop, ground around the site."""
+    around = None
+    if surroundings is not None:
+        around = surroundings_of(surroundings, terrain, datum, look, seed)
     rows, columns = terrain.height.shape
     centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
     # What needs much memory while it is made comes first.
-    scenery = backdrop(look, centre, seed, ROUGH_ALBEDO.get(terrain.surface, 1.0))
+    far = far_ground(around, look)
+    sky = look if around is None else look.model_copy(update={"ridges_deg": 0.0})
+    scenery = backdrop(sky, centre, seed, ROUGH_ALBEDO.get(terrain.surface, 1.0))
     snow, fine = surface_tile(look, wind_from_deg, seed), grain_tile(look, seed)
     if terrain.surface != "snow":
         fine = (
@@ -72,7 +88,8 @@ def scene_of(
     surface = surface_of(terrain, datum)
     patches = snow_patches((rows, columns), terrain.step_m, look, seed)
     lit, rough = ground_map(terrain, surface.height, patches, look), _rough_ground(terrain, look, seed)
-    return RenderScene(surface, lit, _texture(snow), _texture(fine), rough, scenery)
+    clouds = clouds_of(look, seed)
+    return RenderScene(surface, lit, _texture(snow), _texture(fine), rough, scenery, far, clouds)
 
 
 def _rough_ground(terrain: FineTerrain, look: AppearanceConfig, seed: int) -> RoughGround:
