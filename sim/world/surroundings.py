@@ -142,7 +142,7 @@ def surroundings_of(
     height = np.where(known, coarse, 0.0).astype(np.float32)
     height = cv2.GaussianBlur(height, (0, 0), max(0.5 * dem.step_m / nodes.step_m, 0.3))
     height += _fine_relief(height, dem, nodes, seed)
-    steep = np.hypot(*np.gradient(height, nodes.step_m))
+    steep = np.hypot(*np.gradient(cv2.GaussianBlur(height, (0, 0), 1.0), nodes.step_m))
     height += _difference(site - height, known & inside)
     height = np.where(known, height, np.float32(_NOWHERE_M))
     rock, albedo = _cover(height, steep, terrain.surface, look, nodes, seed)
@@ -230,9 +230,11 @@ def _fine_relief(height: FloatGrid, dem: Dem, nodes: _Nodes, seed: int) -> Float
     if longest < 1.5 * shortest:
         return np.zeros_like(height)
     rng = stream(seed, "appearance", "surroundings")
-    field = band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.5, rng, periodic=True)
+    field = band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.2, rng, periodic=True)
+    # Gullies run down the slope; creases between them are sharper than waves.
+    gullies = -np.abs(band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.6, rng, periodic=True))
     steep = np.hypot(*np.gradient(height, nodes.step_m))
-    return np.float32(0.06 * dem.step_m) * np.minimum(steep, 1.0) * field
+    return np.float32(0.05 * dem.step_m) * np.minimum(steep, 1.0) ** 2 * (field + np.float32(2.0) * gullies)
 
 
 def _cover(
@@ -242,10 +244,10 @@ def _cover(
     rng = stream(seed, "appearance", "cover")
     longest = max(600.0, 4.0 * nodes.step_m)
     patches = band_limited_field(
-        height.shape, nodes.step_m, (2.0 * nodes.step_m, longest), 1.0, rng, periodic=True
+        height.shape, nodes.step_m, (2.0 * nodes.step_m, longest), 0.6, rng, periodic=True
     )
     # Snow slides from slopes above 40°; where it stays on steeper ground is a matter of chance.
-    rock = np.clip((steep + 0.18 * patches - 0.72) / 0.2, 0.0, 1.0)
+    rock = np.clip((steep + 0.16 * patches - 0.68) / 0.1, 0.0, 1.0)
     low = ROUGH_ALBEDO.get(surface, 1.0)
     low += (1.0 - low) * np.clip((height - 100.0) / 150.0 + 0.3 * patches, 0.0, 1.0)
     old = 1.0 - 0.06 * min(look.patches, 3.0) * np.clip(patches, 0.0, 2.0)
