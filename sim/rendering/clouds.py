@@ -22,8 +22,10 @@ BASE_M = 1200.0
 """Height of the clouds above the datum [m]."""
 _TEXEL_M = 8.0
 _TEXELS = 1024
-_SIZES_M = 60.0, 2500.0
-_SOFTNESS = 0.9
+_SIZES_M = 40.0, 2500.0
+_SOFTNESS = 1.6
+_RELIEF_M = 90.0
+"""Distance over which the thickness towards the sun is compared [m]."""
 _PENUMBRA_LEVEL = 2
 """Mip level whose texels are as wide as the penumbra of the sun's disk."""
 _BLOCKED = 0.85
@@ -48,9 +50,9 @@ def clouds_of(look: AppearanceConfig, seed: int) -> Clouds:
         return Clouds(tile.words, tile.starts, 7, tile.amplitude, 0.0)
     rng = stream(seed, "appearance", "clouds")
     shape = _TEXELS, _TEXELS
-    heaps = band_limited_field(shape, _TEXEL_M, _SIZES_M, 2.2, rng, periodic=True)
+    heaps = band_limited_field(shape, _TEXEL_M, _SIZES_M, 1.9, rng, periodic=True)
     above = heaps - np.quantile(heaps[::4, ::4], 1.0 - look.clouds)
-    cover = np.clip(above / _SOFTNESS + 0.25, 0.0, 1.0)
+    cover = np.clip(above / _SOFTNESS + 0.15, 0.0, 1.0)
     cover = cv2.GaussianBlur(cover * cover * (3.0 - 2.0 * cover), (0, 0), 0.7).astype(np.float32)
     tile = pack_tile(cover, 1.0 / _TEXEL_M)
     return Clouds(tile.words, tile.starts, tile.texels - 1, tile.amplitude, float(cover.mean()))
@@ -107,6 +109,7 @@ def paint_clouds(
     zero, one, per = f32(0), f32(1), f32(1.0 / _TEXEL_M)
     ox, oy = f32(origin[0] - light.drift_m[0]), f32(origin[1] - light.drift_m[1])
     base, mean, gain = f32(BASE_M - origin[2]), f32(clouds.mean), f32(clouds.gain)
+    sun_x, sun_y = f32(_RELIEF_M * light.sun[0]), f32(_RELIEF_M * light.sun[1])
     radians, per_haze = f32(pixel_rad), f32(0.15 / haze_m)
     for k in range(n):
         c = entry(pixel[k])
@@ -119,7 +122,8 @@ def paint_clouds(
         level = min(mip_level(width * per), i32(6))
         cover = min(max(_cover_at(x * per, y * per, level, clouds, mean, gain), zero), one)
         clear = np.exp(-r * stretch * per_haze) if rays.slope[c] > f32(0.01) else zero
-        # White at the thin edges, grey below the thick middle.
-        white = f32(1.02) - f32(0.34) * cover * cover
-        opaque[k] = min(f32(1.6) * cover, one) * clear * is_open[k]
+        # Grey below thick parts, and darker where the cloud thickens towards the sun.
+        sunward = _cover_at((x + sun_x) * per, (y + sun_y) * per, level, clouds, mean, gain)
+        white = f32(1.0) - f32(0.10) * cover - f32(0.32) * max(min(sunward, one) - f32(0.8) * cover, f32(-0.2))
+        opaque[k] = cover * (f32(2) - cover) * clear * is_open[k]
         painted[k] += (white - painted[k]) * opaque[k]

@@ -13,12 +13,12 @@ from sim.rendering.visibility import RowRays
 
 # Ratios of red and blue to the luminance.
 _SUN = 1.05, 0.88
-_SKYLIGHT = 0.84, 1.30
+_SKYLIGHT = 0.89, 1.20
 _ROCK = 1.06, 0.86
 _ICE = 0.93, 1.10
 _WATER = 0.78, 1.12
 _HAZE = 0.95, 1.09
-_ZENITH = 0.62, 1.62
+_ZENITH = 0.66, 1.52
 _HORIZON = 0.92, 1.14
 _CLOUD = 0.99, 1.02
 

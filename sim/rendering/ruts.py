@@ -22,7 +22,7 @@ _TURNED_RAD = 0.05
 _SEEN_TO_M = 40.0
 _WALL_M = 0.04
 _CLEAT_M = 0.11
-_CLEAT_DEPTH_SHARE = 0.3
+_CLEAT_DEPTH_SHARE = 0.22
 _PRESSED = 0.05
 """Share of light that pressed snow loses."""
 
@@ -40,6 +40,8 @@ class RutMap(NamedTuple):
     half_gauge_m: float
     half_width_m: float
     depth_m: float
+    smooth: float
+    """Share of the texture that the tracks press flat."""
 
 
 class Ruts:
@@ -53,10 +55,12 @@ class Ruts:
         Distance of the middles of the two tracks, and the width of a track [m].
     depth_m : float
         Depth of the ruts [m].
+    smooth : float
+        Share of the texture that the tracks press flat: 0 on ground without snow.
 
     Examples
     --------
-    >>> ruts = Ruts((10.0, 10.0), gauge_m=0.5, width_m=0.15, depth_m=0.03)
+    >>> ruts = Ruts((10.0, 10.0), gauge_m=0.5, width_m=0.15, depth_m=0.03, smooth=0.5)
     >>> ruts.press(5.0, 5.0, 0.0)
     >>> ruts.press(5.04, 5.0, 0.0)  # less than 0.1 m further
     >>> ruts.press(5.2, 5.0, 0.0)
@@ -64,14 +68,16 @@ class Ruts:
     2
     """
 
-    def __init__(self, size_m: FloatArray, *, gauge_m: float, width_m: float, depth_m: float) -> None:
+    def __init__(
+        self, size_m: FloatArray, *, gauge_m: float, width_m: float, depth_m: float, smooth: float
+    ) -> None:
         columns, rows = (int(side / _CELL_M) + 1 for side in size_m)
         self._heads = np.full(rows * columns, -1, np.int32)
         self._shape = rows, columns
         self._nexts, self._imprints = np.empty(256, np.int32), np.empty((256, 5), np.float32)
         self._n_entries, self.n_imprints, self._driven_m = 0, 0, 0.0
         self._last: tuple[float, float, float] | None = None
-        self._form = 0.5 * gauge_m, 0.5 * width_m, depth_m
+        self._form = 0.5 * gauge_m, 0.5 * width_m, depth_m, smooth
 
     def press(self, x: float, y: float, heading_rad: float) -> None:
         """Press the tracks into the ground at a pose, if the rover has moved on.
@@ -116,7 +122,7 @@ class Ruts:
 
 def no_ruts() -> RutMap:
     """Return the map of ground on which ruts are not shown."""
-    return RutMap(np.full(1, -1, np.int32), 1, np.zeros(1, np.int32), np.zeros((1, 5), np.float32), 0.0, 0.0, 0.0)
+    return RutMap(np.full(1, -1, np.int32), 1, np.zeros(1, np.int32), np.zeros((1, 5), np.float32), 0.0, 0.0, 0.0, 0.0)
 
 
 @row_loop
@@ -168,6 +174,6 @@ def press_ruts(n: int, at: Footprints, origin: Doubles, light: Light, ruts: RutM
             climbs = seen * depth * f32(_CLEAT_DEPTH_SHARE) * wave * np.cos(phase)
             gx, gy = climbs * cos - rises * sin, climbs * sin + rises * cos
             shade = min(max(-(gx * sun_x + gy * sun_y), f32(-0.7)), f32(0.6))
-            smooth = at.texture[k] * (one - f32(0.5) * inside)
+            smooth = at.texture[k] * (one - f32(ruts.smooth) * inside)
             at.texture[k] = (one + smooth) * (one + shade - f32(_PRESSED) * inside) - one
             break

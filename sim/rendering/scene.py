@@ -27,6 +27,9 @@ from sim.world.fine_terrain import FineTerrain
 from sim.world.surroundings import surroundings_of
 from survey import Dem
 
+_EDGE_OF_SIGHT_M = 60000.0
+"""Distance of the backdrop behind the ground around a site [m]."""
+
 
 class Texture(NamedTuple):
     """A periodic tile for the compiled loops."""
@@ -76,7 +79,8 @@ def scene_of(
     centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
     # What needs much memory while it is made comes first.
     far = far_ground(around, look)
-    sky = look if around is None else look.model_copy(update={"ridges_deg": 0.0})
+    bare_sky = {"ridges_deg": 0.0, "ridges_distance_m": _EDGE_OF_SIGHT_M}
+    sky = look if around is None else look.model_copy(update=bare_sky)
     scenery = backdrop(sky, centre, seed, ROUGH_ALBEDO.get(terrain.surface, 1.0))
     snow, fine = surface_tile(look, wind_from_deg, seed), grain_tile(look, seed)
     if terrain.surface != "snow":

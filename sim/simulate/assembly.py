@@ -113,7 +113,19 @@ def rover_physics(ground: HeightField, path: FloatArray, mission: MissionConfig)
 
 
 _TRACK_WIDTH_M = 0.15
-_RUT_DEPTH_M = {"snow": 0.025, "bare ice": 0.004, "debris": 0.008}
+_RUT_DEPTH_M = {"snow": 0.025, "bare ice": 0.003, "debris": 0.008}
+
+
+def _ruts_on(ground: FineTerrain, gauge_m: float) -> Ruts:
+    """Return the ruts of a rover before it drives."""
+    size_m = np.array(ground.height.shape[::-1]) * ground.step_m
+    return Ruts(
+        size_m,
+        gauge_m=gauge_m,
+        width_m=_TRACK_WIDTH_M,
+        depth_m=_RUT_DEPTH_M[ground.surface],
+        smooth=0.5 if ground.surface == "snow" else 0.0,
+    )
 
 
 def camera_on_rover(
@@ -121,9 +133,8 @@ def camera_on_rover(
 ) -> RoverCamera:
     """Return the rover's camera; the rover casts a shadow in its images, and leaves ruts if they are wanted."""
     physics = mission.physics
-    gauge_m, size_m = physics.track_gauge_m, np.array(ground.height.shape[::-1]) * ground.step_m
-    depth_m = _RUT_DEPTH_M[ground.surface]
-    ruts = Ruts(size_m, gauge_m=gauge_m, width_m=_TRACK_WIDTH_M, depth_m=depth_m) if look.ruts else None
+    gauge_m = physics.track_gauge_m
+    ruts = _ruts_on(ground, gauge_m) if look.ruts else None
     renderer = Renderer(
         ground,
         look,
