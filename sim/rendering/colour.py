@@ -12,7 +12,7 @@ from sim.rendering.footprint import Footprints
 from sim.rendering.visibility import RowRays
 
 # Ratios of red and blue to the luminance.
-_SUN = 1.05, 0.88
+_SUN = 1.08, 0.84
 _SKYLIGHT = 0.89, 1.20
 _ROCK = 1.06, 0.86
 _ICE = 0.93, 1.10
