@@ -78,24 +78,25 @@ class RoverCamera:
         box: Callable[[FloatArray], RoverBox] | None = None,
         ruts: Ruts | None = None,
     ) -> None:
-        self._renderer, self._exposure_s, self._box, self._ruts = renderer, exposure_s, box, ruts
+        self.renderer, self.ruts = renderer, ruts
+        self._exposure_s, self._box = exposure_s, box
 
     def drive_over(self, state: RoverState) -> None:
         """Press the tracks into the ground at a state of the rover, where ruts are shown."""
-        if self._ruts is not None:
-            place = np.array(state.position[:2]) - self._renderer.terrain.origin
-            self._ruts.press(float(place[0]), float(place[1]), state.heading_rad)
+        if self.ruts is not None:
+            place = np.array(state.position[:2]) - self.renderer.terrain.origin
+            self.ruts.press(float(place[0]), float(place[1]), state.heading_rad)
 
     def frame(self, pose_at: PoseAt, time_s: float, frame_index: int) -> Image:
         """Return the image whose first row is exposed around `time_s`."""
-        camera, half = self._renderer.camera, 0.5 * self._exposure_s
+        camera, half = self.renderer.camera, 0.5 * self._exposure_s
         readout_s = camera.row_readout_s * (camera.height - 1)
 
         def view(at_s: float) -> FloatArray:
             pose: FloatArray = pose_at(at_s) @ camera.T_body_camera
             return pose
 
-        return self._renderer.render(
+        return self.renderer.render(
             view(time_s - half),
             time_s,
             frame_index,
