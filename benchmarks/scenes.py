@@ -59,10 +59,14 @@ def rows(quick: bool) -> Iterator[Row]:
     for name in SWITCHES:
         found = [_driven(seed, name) for seed in (SEEDS[:1] if quick else SEEDS)]
         errors, inliers, visual = (np.array(values) for values in zip(*found, strict=True))
-        yield Row(f"{name}: error of odometry over the way, median of the drives", float(np.median(errors)), "%")
+        yield Row(
+            f"{name}: error of odometry over the way, median of the drives", float(np.median(errors)), "%"
+        )
         yield Row(f"{name}: error of odometry over the way, worst of the drives", float(errors.max()), "%")
         yield Row(f"{name}: corners that agree with the pose, mean", float(inliers.mean()), "1")
-        yield Row.of(f"{name}: images that give a pose, least of the drives", 100.0 * visual.min(), "%", ">=", 95.0)
+        yield Row.of(
+            f"{name}: images that give a pose, least of the drives", 100.0 * visual.min(), "%", ">=", 95.0
+        )
 
 
 def _mission(seed: int, name: str) -> MissionConfig:

@@ -76,7 +76,9 @@ def _cover_at(
 
 
 @row_loop
-def shade_by_clouds(n: int, at: Footprints, rays: RowRays, origin: Doubles, light: Light, clouds: Clouds) -> None:
+def shade_by_clouds(
+    n: int, at: Footprints, rays: RowRays, origin: Doubles, light: Light, clouds: Clouds
+) -> None:
     """Dim the sunlight on the ground by the clouds in front of the sun."""
     zero, one, per = f32(0), f32(1), f32(1.0 / _TEXEL_M)
     to_x, to_y = f32(light.sun[0] / light.sun[2]), f32(light.sun[1] / light.sun[2])
@@ -124,6 +126,8 @@ def paint_clouds(
         clear = np.exp(-r * stretch * per_haze) if rays.slope[c] > f32(0.01) else zero
         # Grey below thick parts, and darker where the cloud thickens towards the sun.
         sunward = _cover_at((x + sun_x) * per, (y + sun_y) * per, level, clouds, mean, gain)
-        white = f32(1.0) - f32(0.10) * cover - f32(0.32) * max(min(sunward, one) - f32(0.8) * cover, f32(-0.2))
+        white = (
+            f32(1.0) - f32(0.10) * cover - f32(0.32) * max(min(sunward, one) - f32(0.8) * cover, f32(-0.2))
+        )
         opaque[k] = cover * (f32(2) - cover) * clear * is_open[k]
         painted[k] += (white - painted[k]) * opaque[k]

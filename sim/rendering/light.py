@@ -446,10 +446,10 @@ class ImageSensor:
         if is_grey:
             image = self._exposed(radiance, self._gain(radiance), self._seed + frame_index)
         else:
-            gain = self._gain(cv2.cvtColor(radiance, cv2.COLOR_BGR2GRAY))
+            gain = self._gain(np.asarray(cv2.cvtColor(radiance, cv2.COLOR_BGR2GRAY), np.float32))
             numbers = (self._seed + frame_index + k * _NEXT_CHANNEL for k in range(3))
-            channels = zip(cv2.split(radiance), numbers, strict=True)
-            image = np.dstack([self._exposed(channel, gain, number) for channel, number in channels])
+            channels = zip(np.moveaxis(radiance, -1, 0), numbers, strict=True)
+            image = np.dstack([self._exposed(np.ascontiguousarray(one), gain, k) for one, k in channels])
         if config.jpeg_quality is None:
             return image
         _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])

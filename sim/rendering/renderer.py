@@ -207,10 +207,10 @@ def _paint_row(
 @scalar
 def _has_sky(rays: RowRays) -> bool:
     """Return whether a row has sky, behind which there may be far ground."""
+    n_sky = 0
     for c in range(rays.fate.size):
-        if rays.fate[c] == SKY:
-            return True
-    return False
+        n_sky += rays.fate[c] == SKY
+    return n_sky > 0
 
 
 @scalar
@@ -463,8 +463,8 @@ class Renderer:
     seen; they may grow from image to image.
 
     The images are grey, or blue, green and red as `imaging.colour` says. Snow is matt (no forward scattering), and edges
-    against the sky are smoothed by the lens's blur alone. Mountains around throw no shadow on the fine terrain; water
-    mirrors neither them nor clouds.
+    against the sky are smoothed by the lens's blur alone. Mountains around that hide the sun from the middle of
+    the site put all of it in shade; water mirrors neither them nor clouds.
 
     >>> from sim.simulate.assembly import rover_camera
     >>> from sim.world.fine_terrain import fine_terrain

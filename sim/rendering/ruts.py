@@ -16,7 +16,7 @@ from sim.rendering.light import Light
 from survey.core import FloatArray
 
 SPACING_M = 0.1
-"""Driven distance between two imprints."""
+"""Largest distance between two imprints [m]."""
 _CELL_M = 1.0
 _TURNED_RAD = 0.05
 _SEEN_TO_M = 40.0
@@ -64,8 +64,8 @@ class Ruts:
     >>> ruts.press(5.0, 5.0, 0.0)
     >>> ruts.press(5.04, 5.0, 0.0)  # less than 0.1 m further
     >>> ruts.press(5.2, 5.0, 0.0)
-    >>> ruts.n_imprints
-    2
+    >>> sorted({round(float(distance), 1) for distance in ruts.map().imprints[:, 4]})
+    [0.0, 0.1, 0.2]
     """
 
     def __init__(
@@ -74,8 +74,8 @@ class Ruts:
         columns, rows = (int(side / _CELL_M) + 1 for side in size_m)
         self._heads = np.full(rows * columns, -1, np.int32)
         self._shape = rows, columns
-        self._nexts, self._imprints = np.empty(256, np.int32), np.empty((256, 5), np.float32)
-        self._n_entries, self.n_imprints, self._driven_m = 0, 0, 0.0
+        self._nexts, self._imprints = np.zeros(256, np.int32), np.zeros((256, 5), np.float32)
+        self._n_entries, self._driven_m = 0, 0.0
         self._last: tuple[float, float, float] | None = None
         self._form = 0.5 * gauge_m, 0.5 * width_m, depth_m, smooth
 
@@ -89,28 +89,37 @@ class Ruts:
         heading_rad : float
             Direction of the body, from east to north [rad].
         """
-        if self._last is not None:
-            moved = math.hypot(x - self._last[0], y - self._last[1])
-            turned = abs(math.remainder(heading_rad - self._last[2], 2.0 * math.pi))
-            if moved < SPACING_M and turned < _TURNED_RAD:
+        if self._last is None:
+            self._imprint(x, y, heading_rad)
+        else:
+            before_x, before_y, before_rad = self._last
+            moved = math.hypot(x - before_x, y - before_y)
+            turned = math.remainder(heading_rad - before_rad, 2.0 * math.pi)
+            if moved < SPACING_M and abs(turned) < _TURNED_RAD:
                 return
-            self._driven_m += moved
+            n, begin_m = max(math.ceil(moved / SPACING_M), 1), self._driven_m
+            for share in (k / n for k in range(1, n + 1)):
+                self._driven_m = begin_m + share * moved
+                place = before_x + share * (x - before_x), before_y + share * (y - before_y)
+                self._imprint(*place, before_rad + share * turned)
         self._last = x, y, heading_rad
-        self.n_imprints += 1
+
+    def _imprint(self, x: float, y: float, heading_rad: float) -> None:
+        """Enter an imprint into the lists of all cells that it touches."""
         imprint = x, y, math.cos(heading_rad), math.sin(heading_rad), self._driven_m
         reach = self._form[0] + self._form[1] + _WALL_M + SPACING_M
         rows, columns = self._shape
-        for row in range(max(int((y - reach) / _CELL_M), 0), min(int((y + reach) / _CELL_M), rows - 1) + 1):
-            for column in range(
-                max(int((x - reach) / _CELL_M), 0), min(int((x + reach) / _CELL_M), columns - 1) + 1
-            ):
+        low_row, high_row = max(int((y - reach) / _CELL_M), 0), min(int((y + reach) / _CELL_M), rows - 1)
+        low, high = max(int((x - reach) / _CELL_M), 0), min(int((x + reach) / _CELL_M), columns - 1)
+        for row in range(low_row, high_row + 1):
+            for column in range(low, high + 1):
                 self._enter(row * columns + column, imprint)
 
     def _enter(self, cell: int, imprint: tuple[float, ...]) -> None:
         """Put an imprint before the others of a cell."""
         if self._n_entries == len(self._nexts):
-            self._nexts = np.concatenate([self._nexts, np.empty_like(self._nexts)])
-            self._imprints = np.concatenate([self._imprints, np.empty_like(self._imprints)])
+            self._nexts = np.concatenate([self._nexts, np.zeros_like(self._nexts)])
+            self._imprints = np.concatenate([self._imprints, np.zeros_like(self._imprints)])
         self._imprints[self._n_entries], self._nexts[self._n_entries] = imprint, self._heads[cell]
         self._heads[cell] = self._n_entries
         self._n_entries += 1
@@ -122,7 +131,9 @@ class Ruts:
 
 def no_ruts() -> RutMap:
     """Return the map of ground on which ruts are not shown."""
-    return RutMap(np.full(1, -1, np.int32), 1, np.zeros(1, np.int32), np.zeros((1, 5), np.float32), 0.0, 0.0, 0.0, 0.0)
+    return RutMap(
+        np.full(1, -1, np.int32), 1, np.zeros(1, np.int32), np.zeros((1, 5), np.float32), 0.0, 0.0, 0.0, 0.0
+    )
 
 
 @row_loop

@@ -24,11 +24,13 @@ from sim.world.appearance import (
     surface_tile,
 )
 from sim.world.fine_terrain import FineTerrain
-from sim.world.surroundings import surroundings_of
+from sim.world.surroundings import horizon_deg, surroundings_of
 from survey import Dem
 
 _EDGE_OF_SIGHT_M = 60000.0
 """Distance of the backdrop behind the ground around a site [m]."""
+_IN_SHADE = np.uint32(0xFFFFF000)
+"""Keeps skylight and water of the words of a `GroundMap`, and no sunlight."""
 
 
 class Texture(NamedTuple):
@@ -92,6 +94,8 @@ def scene_of(
     surface = surface_of(terrain, datum)
     patches = snow_patches((rows, columns), terrain.step_m, look, seed)
     lit, rough = ground_map(terrain, surface.height, patches, look), _rough_ground(terrain, look, seed)
+    if around is not None and horizon_deg(around, np.array([look.sun_from_deg]))[0] > look.sun_elevation_deg:
+        lit = lit._replace(words=lit.words & _IN_SHADE)
     clouds = clouds_of(look, seed)
     return RenderScene(surface, lit, _texture(snow), _texture(fine), rough, scenery, far, clouds)
 

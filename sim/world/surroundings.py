@@ -6,7 +6,7 @@ gives the elevation angle of the horizon by azimuth.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from sim.world.appearance import ROUGH_ALBEDO, sun_direction
 from sim.world.fine_terrain import FineTerrain, band_limited_field
 from sim.world.hazards import FloatGrid
 from survey import Dem, InputError
-from survey.core import FloatArray, stream
+from survey.core import BoolArray, FloatArray, stream
 from survey.core.transformation import transformed
 from survey.terrain.real import real_sample
 
@@ -139,13 +139,13 @@ def surroundings_of(
         raise InputError(
             f"the raster of the horizon has no height at the site, whose bounds are {terrain.bounds}; name one that covers it."
         )
-    height = np.where(known, coarse, 0.0).astype(np.float32)
-    height = cv2.GaussianBlur(height, (0, 0), max(0.5 * dem.step_m / nodes.step_m, 0.3))
+    width = max(0.5 * dem.step_m / nodes.step_m, 0.3)
+    height = np.asarray(cv2.GaussianBlur(np.where(known, coarse, 0.0), (0, 0), width), np.float32)
     height += _fine_relief(height, dem, nodes, seed)
     steep = np.hypot(*np.gradient(cv2.GaussianBlur(height, (0, 0), 1.0), nodes.step_m))
     height += _difference(site - height, known & inside)
     height = np.where(known, height, np.float32(_NOWHERE_M))
-    rock, albedo = _cover(height, steep, terrain.surface, look, nodes, seed)
+    rock, albedo = _cover(height, steep, terrain.surface, look, nodes.step_m, seed=seed)
     reach = max(int(np.ceil(nodes.step_m / terrain.step_m)), 1)
     height = np.where(inside, _site(terrain, nodes, reach) - np.float32(datum_m + _BELOW_M), height)
     x, y = nodes.axes
@@ -167,7 +167,7 @@ class _Nodes(NamedTuple):
     @property
     def axes(self) -> tuple[FloatArray, FloatArray]:
         rows, columns = self.shape
-        return self.step_m * np.arange(columns), self.step_m * np.arange(rows)
+        return self.step_m * np.arange(float(columns)), self.step_m * np.arange(float(rows))
 
 
 def _nodes(dem: Dem, terrain: FineTerrain) -> _Nodes:
@@ -199,24 +199,25 @@ def _heights(dem: Dem, terrain: FineTerrain, nodes: _Nodes) -> FloatGrid:
 
 def _site(terrain: FineTerrain, nodes: _Nodes, reach: int = 0) -> FloatGrid:
     """Return the fine terrain at the nodes, NaN elsewhere; with a reach, its least height within so many fine nodes [m]."""
-    height = terrain.height[::-1]
     if reach:
-        height = cv2.erode(np.ascontiguousarray(height), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+        height: Any = cv2.erode(np.ascontiguousarray(terrain.height[::-1]), around)
     else:
-        height = cv2.GaussianBlur(height, (0, 0), max(0.5 * nodes.step_m / terrain.step_m, 0.5))
+        width = max(0.5 * nodes.step_m / terrain.step_m, 0.5)
+        height = cv2.GaussianBlur(terrain.height[::-1], (0, 0), width)
     x, y = nodes.axes
     column, row = ((axis + start) / terrain.step_m for axis, start in zip((x, y), nodes.origin, strict=True))
     at = np.meshgrid(column.astype(np.float32), row.astype(np.float32))
-    outside = (
-        (at[0] < 0) | (at[1] < 0) | (at[0] > height.shape[1] - 1) | (at[1] > height.shape[0] - 1)
-    )
-    found = cv2.remap(np.ascontiguousarray(height), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    outside = (at[0] < 0) | (at[1] < 0) | (at[0] > height.shape[1] - 1) | (at[1] > height.shape[0] - 1)
+    south_up = np.ascontiguousarray(height)
+    found = cv2.remap(south_up, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.where(outside, np.float32(np.nan), found)
 
 
-def _difference(site_minus_model: FloatGrid, inside: FloatGrid) -> FloatGrid:
+def _difference(site_minus_model: FloatGrid, inside: BoolArray) -> FloatGrid:
     """Continue the difference at the edge of the site outwards; it turns into its mean with the distance [m]."""
-    row, column = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    nearest_inside: Any = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    row, column = nearest_inside
     mean = float(site_minus_model[inside].mean())
     nearest = site_minus_model[row, column]
     away = np.hypot(row - np.arange(len(row))[:, None], column - np.arange(row.shape[1])[None])
@@ -232,24 +233,25 @@ def _fine_relief(height: FloatGrid, dem: Dem, nodes: _Nodes, seed: int) -> Float
     rng = stream(seed, "appearance", "surroundings")
     field = band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.2, rng, periodic=True)
     # Gullies run down the slope; creases between them are sharper than waves.
-    gullies = -np.abs(band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.6, rng, periodic=True))
+    gullies = -np.abs(
+        band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.6, rng, periodic=True)
+    )
     steep = np.hypot(*np.gradient(height, nodes.step_m))
-    return np.float32(0.05 * dem.step_m) * np.minimum(steep, 1.0) ** 2 * (field + np.float32(2.0) * gullies)
+    scale = np.float32(0.05 * dem.step_m) * np.minimum(steep, 1.0) ** 2
+    return np.asarray(scale * (field + np.float32(2.0) * gullies), dtype=np.float32)
 
 
 def _cover(
-    height: FloatGrid, steep: FloatGrid, surface: str, look: AppearanceConfig, nodes: _Nodes, seed: int
+    height: FloatGrid, steep: FloatGrid, surface: str, look: AppearanceConfig, step_m: float, *, seed: int
 ) -> tuple[FloatGrid, FloatGrid]:
     """Return the share of rock, on steep ground, and the reflectance of each node."""
     rng = stream(seed, "appearance", "cover")
-    longest = max(600.0, 4.0 * nodes.step_m)
-    patches = band_limited_field(
-        height.shape, nodes.step_m, (2.0 * nodes.step_m, longest), 0.6, rng, periodic=True
-    )
+    longest = max(600.0, 4.0 * step_m)
+    patches = band_limited_field(height.shape, step_m, (2.0 * step_m, longest), 0.6, rng, periodic=True)
     # Snow slides from slopes above 40°; where it stays on steeper ground is a matter of chance.
     rock = np.clip((steep + 0.16 * patches - 0.68) / 0.1, 0.0, 1.0)
-    low = ROUGH_ALBEDO.get(surface, 1.0)
-    low += (1.0 - low) * np.clip((height - 100.0) / 150.0 + 0.3 * patches, 0.0, 1.0)
+    site = ROUGH_ALBEDO.get(surface, 1.0)
+    low = site + (1.0 - site) * np.clip((height - 100.0) / 150.0 + 0.3 * patches, 0.0, 1.0)
     old = 1.0 - 0.06 * min(look.patches, 3.0) * np.clip(patches, 0.0, 2.0)
     albedo = (1.0 - rock) * low * old + rock * np.clip(0.33 + 0.07 * patches, 0.15, 0.6)
     return rock.astype(np.float32), albedo.astype(np.float32)
@@ -288,8 +290,8 @@ def sunlight_on(around: Surroundings, look: AppearanceConfig) -> FloatGrid:
     return np.asarray(np.clip(lit, 0.0, 1.6) * sunlit, dtype=np.float32)
 
 
-def horizon_deg(around: Surroundings, azimuth_deg: FloatArray, eye_m: float = 0.0) -> FloatArray:
-    """Return the elevation angle of the horizon seen from the middle of a site.
+def horizon_deg(around: Surroundings, azimuth_deg: FloatArray) -> FloatArray:
+    """Return the elevation angle of the horizon seen from the ground in the middle of a site.
 
     Parameters
     ----------
@@ -297,13 +299,11 @@ def horizon_deg(around: Surroundings, azimuth_deg: FloatArray, eye_m: float = 0.
         Ground around the site.
     azimuth_deg : (N,) array_like
         Directions, clockwise from north [deg].
-    eye_m : float
-        Height of the eye above the datum [m].
 
     Returns
     -------
     (N,) ndarray
-        Largest angle above the level of the ground along each direction, curvature and refraction included [deg].
+        Largest angle along each direction, curvature and refraction included [deg].
 
     Examples
     --------
@@ -311,10 +311,10 @@ def horizon_deg(around: Surroundings, azimuth_deg: FloatArray, eye_m: float = 0.
     >>> ridge[90] = 100.0  # 400 m to the north
     >>> nothing = np.zeros_like(ridge)
     >>> around = Surroundings(ridge, nothing, nothing, np.zeros(2), np.array([500.0, 500.0]), 10.0)
-    >>> horizon_deg(around, [0.0, 180.0]).round(2).tolist()
-    [14.04, 0.0]
+    >>> horizon_deg(around, np.array([0.0, 180.0])).round(1).tolist()
+    [14.0, -0.1]
     """
-    azimuth = np.radians(np.asarray(azimuth_deg, dtype=np.float64))
+    azimuth = np.radians(azimuth_deg)
     farthest = float(np.hypot(*around.height.shape)) * around.step_m
     ranges = np.arange(2.0 * around.step_m, farthest, 0.5 * around.step_m)
     x = around.middle[0] + np.sin(azimuth)[:, None] * ranges
@@ -323,4 +323,6 @@ def horizon_deg(around: Surroundings, azimuth_deg: FloatArray, eye_m: float = 0.
     heights = cv2.remap(
         around.height, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1e6
     )
-    return np.degrees(np.arctan(((heights - eye_m) / ranges).max(axis=1)))
+    column_here, row_here = np.rint(around.middle / around.step_m).astype(int)
+    eye_m = around.height[row_here, column_here] + _BELOW_M
+    return np.asarray(np.degrees(np.arctan(((heights - eye_m) / ranges).max(axis=1))))
