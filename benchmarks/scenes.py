@@ -2,7 +2,7 @@
 
 Each switch of the scene is turned on by itself, and all together. The CPU time of an image is divided by that of the same image
 without any of them, rendered in turns in one process. Drives of 24 m lead out and back beside their own ruts, on windows of the
-real elevations that matplotlib installs, once with each switch: the same way, seeds and noise. The error of the odometry
+real elevations that matplotlib installs, without switches, with the horizon, with clouds, and with all: the same way, seeds and noise. The error of the odometry
 is that of the last place after the best rotation and shift, over the way. Nothing was chosen on these seeds. The mountains
 of that sample are low, and the odometry follows corners on the ground above all: read the rows as a check that the switches
 neither help nor harm, not as a forecast for high mountains.
@@ -32,7 +32,8 @@ from vision_slam.evaluation import alignment
 from vision_slam.motion import dead_reckoning
 from vision_slam.odometry.visual_odometry import visual_odometry
 
-SEEDS = (9101, 9102, 9103)
+SEEDS = (9101, 9102)
+DRIVEN = ("none", "horizon", "clouds", "all")
 SIDE_M, WAY_M, ASIDE_M = 60.0, 11.0, 2.0
 _N_IMAGES = 16
 SWITCHES: dict[str, dict[str, dict[str, Any]]] = {
@@ -56,7 +57,7 @@ class Outcome(NamedTuple):
 def rows(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
     yield from _costs(SEEDS[0])
-    for name in SWITCHES:
+    for name in ("none", "all") if quick else DRIVEN:
         found = [_driven(seed, name) for seed in (SEEDS[:1] if quick else SEEDS)]
         errors, inliers, visual = (np.array(values) for values in zip(*found, strict=True))
         yield Row(

@@ -32,7 +32,7 @@ _BLOCKED = 0.85
 """Share of the sunlight that the thickest cloud takes away."""
 
 
-class Clouds(NamedTuple):
+class CloudLayer(NamedTuple):
     """Cover of the cloud plane as a periodic tile, and its motion."""
 
     words: Words
@@ -43,11 +43,11 @@ class Clouds(NamedTuple):
     """Mean cover; 0 where there are no clouds."""
 
 
-def clouds_of(look: AppearanceConfig, seed: int) -> Clouds:
+def clouds_of(look: AppearanceConfig, seed: int) -> CloudLayer:
     """Return the clouds of a scene; a tile of 8 × 8 texels where there are none."""
     if look.clouds == 0.0:
         tile = pack_tile(np.zeros((8, 8), np.float32), 1.0)
-        return Clouds(tile.words, tile.starts, 7, tile.amplitude, 0.0)
+        return CloudLayer(tile.words, tile.starts, 7, tile.amplitude, 0.0)
     rng = stream(seed, "appearance", "clouds")
     shape = _TEXELS, _TEXELS
     heaps = band_limited_field(shape, _TEXEL_M, _SIZES_M, 1.9, rng, periodic=True)
@@ -55,7 +55,7 @@ def clouds_of(look: AppearanceConfig, seed: int) -> Clouds:
     cover = np.clip(above / _SOFTNESS + 0.15, 0.0, 1.0)
     cover = cv2.GaussianBlur(cover * cover * (3.0 - 2.0 * cover), (0, 0), 0.7).astype(np.float32)
     tile = pack_tile(cover, 1.0 / _TEXEL_M)
-    return Clouds(tile.words, tile.starts, tile.texels - 1, tile.amplitude, float(cover.mean()))
+    return CloudLayer(tile.words, tile.starts, tile.texels - 1, tile.amplitude, float(cover.mean()))
 
 
 def drift_m(look: AppearanceConfig, wind_from_deg: float, time_s: float) -> FloatArray:
@@ -66,7 +66,7 @@ def drift_m(look: AppearanceConfig, wind_from_deg: float, time_s: float) -> Floa
 
 @inlined
 def _cover_at(
-    x: np.float32, y: np.float32, level: np.int32, clouds: Clouds, mean: np.float32, gain: np.float32
+    x: np.float32, y: np.float32, level: np.int32, clouds: CloudLayer, mean: np.float32, gain: np.float32
 ) -> np.float32:
     """Interpolate the cover at a place in texels of the finest level."""
     scale = f32(1) / f32(i32(i32(1) << level))
@@ -77,7 +77,7 @@ def _cover_at(
 
 @row_loop
 def shade_by_clouds(
-    n: int, at: Footprints, rays: RowRays, origin: Doubles, light: Light, clouds: Clouds
+    n: int, at: Footprints, rays: RowRays, origin: Doubles, light: Light, clouds: CloudLayer
 ) -> None:
     """Dim the sunlight on the ground by the clouds in front of the sun."""
     zero, one, per = f32(0), f32(1), f32(1.0 / _TEXEL_M)
@@ -102,7 +102,7 @@ def paint_clouds(
     pixel_rad: float,
     haze_m: float,
     light: Light,
-    clouds: Clouds,
+    clouds: CloudLayer,
     is_open: Floats,
     painted: Floats,
     opaque: Floats,

@@ -14,7 +14,7 @@ from sim.rendering.compiled import Floats, entry, f32, row_loop
 from sim.rendering.footprint import Footprints
 from sim.rendering.light import AMBIENT_UNIT, DIRECT_UNIT, HAZE_RADIANCE, GroundMap, mipmap
 from sim.rendering.visibility import NEAR_HORIZON, RowRays, Surface, View, surface_on
-from sim.world.surroundings import Surroundings, sunlight_on
+from sim.world.surroundings import SiteSurroundings, sunlight_on
 
 HAZE_HEIGHT_M = 350.0
 """Height over which haze thins out to 1/e [m]."""
@@ -34,7 +34,7 @@ class FarGround(NamedTuple):
     """Farthest range; 0 where there is no far ground."""
 
 
-def far_ground(around: Surroundings | None, look: AppearanceConfig) -> FarGround:
+def far_ground(around: SiteSurroundings | None, look: AppearanceConfig) -> FarGround:
     """Return the lit ground around a site; an empty one of 2 × 2 nodes for None."""
     if around is None:
         blank = np.zeros((2, 2), np.float32)

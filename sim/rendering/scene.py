@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim.config.world import AppearanceConfig
-from sim.rendering.clouds import Clouds, clouds_of
+from sim.rendering.clouds import CloudLayer, clouds_of
 from sim.rendering.compiled import Ints, Words
 from sim.rendering.far_ground import FarGround, far_ground
 from sim.rendering.light import Backdrop, GroundMap, backdrop, ground_map, mipmap
@@ -62,7 +62,7 @@ class RenderScene(NamedTuple):
     rough: RoughGround
     backdrop: Backdrop
     far: FarGround
-    clouds: Clouds
+    clouds: CloudLayer
 
 
 def scene_of(

@@ -1,6 +1,6 @@
 """Ground around a site, from an elevation raster: heights, snow and rock, sunlight, and the horizon.
 
-`Surroundings` holds nodes on a square grid about the site, lowered by the curvature of the earth and raised by
+`SiteSurroundings` holds nodes on a square grid about the site, lowered by the curvature of the earth and raised by
 refraction. Where the fine terrain is known the nodes lie below it, and at its edge they continue it. `horizon_deg`
 gives the elevation angle of the horizon by azimuth.
 """
@@ -35,7 +35,7 @@ _NOWHERE_M = -2000.0
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class SiteSurroundings:
     """Nodes around a site; the first row is the southern one.
 
     Parameters
@@ -101,7 +101,7 @@ def mission_surroundings(mission: MissionConfig, terrain: FineTerrain, name: str
 
 def surroundings_of(
     dem: Dem, terrain: FineTerrain, datum_m: float, look: AppearanceConfig, seed: int
-) -> Surroundings:
+) -> SiteSurroundings:
     """Return the ground around a site from a terrain model.
 
     The model is moved up or down to continue the fine terrain, by the difference at the nearest place of it, which turns
@@ -122,7 +122,7 @@ def surroundings_of(
 
     Returns
     -------
-    Surroundings
+    SiteSurroundings
         At most 1536 × 1536 nodes up to 15 km from the middle.
 
     Raises
@@ -151,7 +151,7 @@ def surroundings_of(
     x, y = nodes.axes
     far = (x[None] - nodes.middle[0]) ** 2 + (y[:, None] - nodes.middle[1]) ** 2
     height = height - np.float32(0.5 * (1.0 - _REFRACTION) / _EARTH_RADIUS_M) * far.astype(np.float32)
-    return Surroundings(
+    return SiteSurroundings(
         np.ascontiguousarray(height, np.float32), rock, albedo, nodes.origin, nodes.middle, nodes.step_m
     )
 
@@ -257,12 +257,12 @@ def _cover(
     return rock.astype(np.float32), albedo.astype(np.float32)
 
 
-def sunlight_on(around: Surroundings, look: AppearanceConfig) -> FloatGrid:
+def sunlight_on(around: SiteSurroundings, look: AppearanceConfig) -> FloatGrid:
     """Return the sunlight on each node over that on level ground, by Lambert's law and with cast shadows.
 
     Parameters
     ----------
-    around : Surroundings
+    around : SiteSurroundings
         Ground around the site.
     look : AppearanceConfig
         The sun.
@@ -290,12 +290,12 @@ def sunlight_on(around: Surroundings, look: AppearanceConfig) -> FloatGrid:
     return np.asarray(np.clip(lit, 0.0, 1.6) * sunlit, dtype=np.float32)
 
 
-def horizon_deg(around: Surroundings, azimuth_deg: FloatArray) -> FloatArray:
+def horizon_deg(around: SiteSurroundings, azimuth_deg: FloatArray) -> FloatArray:
     """Return the elevation angle of the horizon seen from the ground in the middle of a site.
 
     Parameters
     ----------
-    around : Surroundings
+    around : SiteSurroundings
         Ground around the site.
     azimuth_deg : (N,) array_like
         Directions, clockwise from north [deg].
@@ -310,7 +310,7 @@ def horizon_deg(around: Surroundings, azimuth_deg: FloatArray) -> FloatArray:
     >>> ridge = np.zeros((101, 101), np.float32)
     >>> ridge[90] = 100.0  # 400 m to the north
     >>> nothing = np.zeros_like(ridge)
-    >>> around = Surroundings(ridge, nothing, nothing, np.zeros(2), np.array([500.0, 500.0]), 10.0)
+    >>> around = SiteSurroundings(ridge, nothing, nothing, np.zeros(2), np.array([500.0, 500.0]), 10.0)
     >>> horizon_deg(around, np.array([0.0, 180.0])).round(1).tolist()
     [14.0, -0.1]
     """

@@ -8,7 +8,7 @@ from sim.config.mission import MissionConfig
 from sim.config.world import AppearanceConfig, SceneryConfig
 from sim.world.fine_terrain import FineTerrain, fine_terrain
 from sim.world.surroundings import (
-    Surroundings,
+    SiteSurroundings,
     horizon_deg,
     mission_surroundings,
     sunlight_on,
@@ -60,7 +60,7 @@ def test_sunlight_ends_at_the_shadow_of_a_wall() -> None:
     heights = np.zeros((201, 201), np.float32)
     heights[:, :50] = 100.0  # in the west, 500 m wide
     nothing = np.zeros_like(heights)
-    around = Surroundings(heights, nothing, nothing, np.zeros(2), np.array([1000.0, 1000.0]), 10.0)
+    around = SiteSurroundings(heights, nothing, nothing, np.zeros(2), np.array([1000.0, 1000.0]), 10.0)
     look = AppearanceConfig(sun_from_deg=270.0, sun_elevation_deg=float(np.degrees(np.arctan(0.25))))
     light = sunlight_on(around, look)[100]
     ends = 490.0 + 100.0 / 0.25  # the shadow is 400 m long
