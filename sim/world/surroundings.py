@@ -232,7 +232,7 @@ def _fine_relief(height: FloatGrid, dem: Dem, nodes: _Nodes, seed: int) -> Float
         return np.zeros_like(height)
     rng = stream(seed, "appearance", "surroundings")
     field = band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.2, rng, periodic=True)
-    # Gullies run down the slope; creases between them are sharper than waves.
+    # Creases are sharper than waves.
     gullies = -np.abs(
         band_limited_field(height.shape, nodes.step_m, (shortest, longest), 1.6, rng, periodic=True)
     )
