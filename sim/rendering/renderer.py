@@ -207,10 +207,10 @@ def _paint_row(
 @scalar
 def _has_sky(rays: RowRays) -> bool:
     """Return whether a row has sky, behind which there may be far ground."""
-    n_sky = 0
-    for c in range(rays.fate.size):
-        n_sky += rays.fate[c] == SKY
-    return n_sky > 0
+    for c in range(rays.fate.size):  # noqa: SIM110
+        if rays.fate[c] == SKY:
+            return True
+    return False
 
 
 @scalar
