@@ -7,9 +7,7 @@ by a parabola. Its inverse ρ has the standard deviation
 
 .. math:: \sigma_\rho^2 = \frac{2 (1 - c)}{V N (-c'')}
 
-of V views and N independent pixels, because :math:`2 (1 - c)` is the squared difference of two patches of unit norm. Poses err from
-image to image as well: before heights are taken, the turn of each view about its reference is corrected by the offsets of the patches
-across their epipolar lines, which do not depend on the distance.
+of V views and N independent pixels, because :math:`2 (1 - c)` is the squared difference of two patches of unit norm.
 
 A height is retained where two halves of the views agree, where no other distance correlates nearly as well, and where a second
 reference image confirms it. The error that all heights from one pose share, that of the pose, is carried by the keyframe of the points.

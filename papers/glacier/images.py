@@ -411,7 +411,7 @@ def _rendered(
     settings: Mapping[str, float], seed: int, n_frames: int
 ) -> tuple[dict[str, float], list[Image]]:
     """Return the median statistics of patches of rendered debris-covered ice, and the images."""
-    look = AppearanceConfig(**settings, stones=1.0, patches=2.0, haze_m=2000.0)
+    look = AppearanceConfig.model_validate({**settings, "stones": 1.0, "patches": 2.0, "haze_m": 2000.0})
     scene = SnowScene(look, seed, ImagingConfig(gain=255.0))
     images = [scene.frame(drive) for drive in range(n_frames)]
     patches = patch_statistics([ground_region(*frame) for frame in images], _PATCH_PX)

@@ -438,6 +438,7 @@ class MissionConfig(PlacedSection):
             "terrain.file": getattr(self.terrain, "file", None),
             "area.file": self.area.file,
             "satellite.file": self.satellite.file,
+            "appearance.horizon": None if self.appearance.horizon == "terrain" else self.appearance.horizon,
         }
         if self.ice is not None:
             assumed = self.ice.assumed.velocity_files

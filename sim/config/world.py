@@ -271,6 +271,15 @@ class AppearanceConfig(Section):
     """Mean height of the mountains around above the horizon; 0 hides them [deg]."""
     ridges_distance_m: PositiveFloat = 8000.0
     """Distance of those mountains [m]."""
+    horizon: str | None = None
+    """Raster of the ground that is seen around the site, instead of those mountains: a file, or terrain for that of the
+    mission's terrain; a relative path counts from the mission file."""
+    clouds: Share = 0.0
+    """Share of the sky that clouds cover; they and their shadows drift with the wind. 0 for none."""
+    cloud_speed_m_s: NonNegativeFloat = 8.0
+    """Speed of the clouds, in the direction of the wind that shaped the snow [m/s]."""
+    ruts: bool = False
+    """Whether the rover's tracks leave ruts on the ground, which are seen where it turns or returns."""
 
 
 class ImagingConfig(Section):
@@ -312,5 +321,7 @@ class ImagingConfig(Section):
     """Standard deviation of the read noise [grey levels]."""
     shot_noise: NonNegativeFloat = 0.085
     """Standard deviation of the shot noise per square root of a grey level."""
+    colour: bool = False
+    """Whether images have three channels, blue, green and red; grey otherwise."""
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = None
     """Quality at which JPEG compresses the images, 1 to 100; not compressed when not given."""

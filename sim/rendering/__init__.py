@@ -5,5 +5,6 @@
 """
 
 from sim.rendering.renderer import Renderer, RoverBox
+from sim.rendering.ruts import Ruts
 
-__all__ = ["Renderer", "RoverBox"]
+__all__ = ["Renderer", "RoverBox", "Ruts"]

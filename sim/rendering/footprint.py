@@ -102,7 +102,7 @@ class Aim(NamedTuple):
 
 
 @inlined
-def _level(size: np.float32) -> np.int32:
+def mip_level(size: np.float32) -> np.int32:
     """Return the mip level of a size in texels: the next power of two above the size over the square root of 2."""
     s = size * f32(0.7071)
     low = i32(s > f32(1)) + i32(s > f32(2)) + i32(s > f32(4)) + i32(s > f32(8))
@@ -143,9 +143,9 @@ def measure(
         wall = upright < f32(0.45)
         at.x[k] = ox + ux * r + (f32(0.37) * z if wall else zero)
         at.y[k] = oy + uy * r + (f32(1.90) * z if wall else zero)
-        at.level[k], at.grain_level[k] = _level(width * f32(100)), min(_level(width * f32(400)), i32(4))
+        at.level[k], at.grain_level[k] = mip_level(width * f32(100)), min(mip_level(width * f32(400)), i32(4))
         on_map = max(across, along * (f32(0.5) if along > f32(0.6) else one)) * per_step
-        at.map_level[k] = min(_level(on_map * f32(0.943)), i32(6))
+        at.map_level[k] = min(mip_level(on_map * f32(0.943)), i32(6))
         at.texture[k], at.direct[k], at.ambient[k], at.water[k] = zero, zero, zero, zero
 
 
@@ -225,7 +225,7 @@ def to_level(n: int, at: Footprints, per_m: float) -> None:
     """Choose the levels of a tile with that number of texels per metre."""
     per = f32(per_m)
     for k in range(n):
-        at.level[k] = _level(at.width_m[k] * per)
+        at.level[k] = mip_level(at.width_m[k] * per)
 
 
 @row_loop
@@ -263,10 +263,10 @@ def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None
                 k = u64(first + q)
                 is_read = i32(tap) < taps[k]
                 step_x, step_y, cells, start = to.step_x[k], to.step_y[k], to.cells[k], to.start[k]
-                first_copy = _tile_at(
+                first_copy = tile_at(
                     fused(number, step_x, to.x0[k]), fused(number, step_y, to.y0[k]), cells, start, words
                 )
-                second_copy = _tile_at(
+                second_copy = tile_at(
                     fused(number, step_x, to.x1[k]), fused(number, step_y, to.y1[k]), cells, start, words
                 )
                 texture = at.texture[k] + (to.share0[k] if is_read else zero) * first_copy
@@ -274,7 +274,7 @@ def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None
 
 
 @inlined
-def _tile_at(x: np.float32, y: np.float32, cells: np.int32, start: np.int32, words: Words) -> np.float32:
+def tile_at(x: np.float32, y: np.float32, cells: np.int32, start: np.int32, words: Words) -> np.float32:
     """Interpolate a level of a tile: words of 2 × 2 texels in blocks of 4 × 4 words."""
     low = u32(255)
     fx, fy = np.floor(x), np.floor(y)

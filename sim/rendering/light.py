@@ -48,6 +48,8 @@ class Backdrop(NamedTuple):
 
     faces: Floats
     """(4, rows, columns): the columns are the tangent of the azimuth within the face, the rows the slope."""
+    is_open: Floats
+    """Share of open sky, in the same layout; one texel where there are no clouds."""
     distance_m: float
     centre_x: float
     centre_y: float
@@ -68,7 +70,11 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int, albedo: fl
     plain = np.clip(-elevation / 0.2, 0.0, 1.0)  # ground beyond the map's edge
     picture = plain * (0.88 * albedo * clear + 0.9 * (1.0 - clear)) + (1.0 - plain) * picture
     faces = np.ascontiguousarray(picture.reshape(_ROWS, 4, _COLUMNS).transpose(1, 0, 2), np.float32)
-    return Backdrop(faces, config.ridges_distance_m, float(centre[0]), float(centre[1]))
+    is_open = np.ones((4, 1, 1), np.float32)
+    if config.clouds > 0.0:
+        sky_share = ((1.0 - plain) * (1.0 - mountain)).reshape(_ROWS, 4, _COLUMNS)
+        is_open = np.ascontiguousarray(sky_share.transpose(1, 0, 2), np.float32)
+    return Backdrop(faces, is_open, config.ridges_distance_m, float(centre[0]), float(centre[1]))
 
 
 def _crest(azimuth: Doubles, mean_deg: float, rng: np.random.Generator) -> Floats:
@@ -299,6 +305,12 @@ class Light(NamedTuple):
     box_rotation: Doubles
     """From the box's axes to the world's, (3, 3)."""
     box_centre: Doubles
+    drift_m: Doubles
+    """How far the clouds have moved to the east and north, (2,)."""
+    bare_below: float
+    """Texture darker than minus this has the colour of bare ground."""
+    is_ice: bool
+    """Whether bare ground is ice."""
 
 
 @scalar
@@ -349,6 +361,7 @@ def add_shadow_and_water(
         texture = float(at.texture[k])
         shaded = max(at.ambient[k] + light.in_shade * at.ambient[k] * texture, 0.0)
         radiance = direct * max(0.0, 1.0 + texture) + shaded
+        at.direct[k] = direct
         if at.water[k] >= 0.001:
             body = 0.42 * (direct + at.ambient[k])
             pool = _water(
@@ -409,10 +422,11 @@ def _water(
 # Normal numbers, drawn once. Each row of a frame reads a window that the frame and the row choose, so that the bytes do
 # not depend on the number of threads.
 _DRAWS = 1 << 21
+_NEXT_CHANNEL = 1 << 27
 
 
 class ImageSensor:
-    """Image sensor; the noise of a frame depends on the seed and its number alone."""
+    """Image sensor of one channel or of blue, green and red; the noise depends on the seed and the frame's number alone."""
 
     def __init__(self, config: ImagingConfig, camera: Camera, seed: int) -> None:
         self._config = config
@@ -422,29 +436,41 @@ class ImageSensor:
         self._scattered = _drops(camera, config.drops, stream(seed, "camera", "drops"))
 
     def image(self, radiance: Floats, frame_index: int) -> Image:
-        """Return the 8-bit image of a frame."""
-        config = self._config
+        """Return the 8-bit image (H, W) or (H, W, 3) of a frame."""
+        config, is_grey = self._config, radiance.ndim == 2
         if config.drops:
-            radiance = radiance + self._scattered * (_hazy(radiance) - radiance)
+            scattered = self._scattered if is_grey else self._scattered[..., None]
+            radiance = radiance + scattered * (_hazy(radiance) - radiance)
         if config.blur_px > 0.0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), config.blur_px)
-        noisy = config.noise == "on"
+        if is_grey:
+            image = self._exposed(radiance, self._gain(radiance), self._seed + frame_index)
+        else:
+            gain = self._gain(np.asarray(cv2.cvtColor(radiance, cv2.COLOR_BGR2GRAY), np.float32))
+            numbers = (self._seed + frame_index + k * _NEXT_CHANNEL for k in range(3))
+            channels = zip(np.moveaxis(radiance, -1, 0), numbers, strict=True)
+            image = np.dstack([self._exposed(np.ascontiguousarray(one), gain, k) for one, k in channels])
+        if config.jpeg_quality is None:
+            return image
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
+
+    def _exposed(self, radiance: Floats, gain: float, number: int) -> Image:
+        """Return the grey levels of one channel, with the noise of a number."""
+        config, noisy = self._config, self._config.noise == "on"
         image = np.empty(radiance.shape, np.uint8)
         share_out(
             _expose,
             radiance,
             self._transmission,
-            self._gain(radiance),
+            gain,
             config.read_noise * noisy,
             config.shot_noise * noisy,
             self._draws,
-            self._seed + frame_index,
+            number,
             image,
         )
-        if config.jpeg_quality is None:
-            return image
-        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
-        return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+        return image
 
     def _gain(self, radiance: Floats) -> float:
         """Return the grey levels per unit of radiance: the stated ones, or those that suit the frame."""
@@ -486,7 +512,7 @@ def _hazy(radiance: Floats) -> Floats:
     width = _SCATTER_WIDTH * radiance.shape[1]
     small = cv2.resize(radiance, None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA)
     soft = cv2.GaussianBlur(small, (0, 0), width / 8.0)
-    return np.asarray(cv2.resize(soft, radiance.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+    return np.asarray(cv2.resize(soft, radiance.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 @by_share

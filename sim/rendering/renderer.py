@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.config.world import AppearanceConfig, ImagingConfig
+from sim.rendering.clouds import drift_m, paint_clouds, shade_by_clouds
+from sim.rendering.colour import blue_green_red, find_bare, tint_ground, tint_sky
 from sim.rendering.compiled import (
     Doubles,
     Floats,
@@ -24,6 +26,7 @@ from sim.rendering.compiled import (
     share_out,
     u32,
 )
+from sim.rendering.far_ground import far_ranges, far_view, shade_far
 from sim.rendering.footprint import (
     GRAIN_FROM_M,
     Aim,
@@ -38,7 +41,6 @@ from sim.rendering.footprint import (
 )
 from sim.rendering.light import (
     OWN_SHADOW_REACH_M,
-    Backdrop,
     ImageSensor,
     Light,
     add_shadow_and_water,
@@ -46,6 +48,7 @@ from sim.rendering.light import (
     shade,
     shadow_width_m2,
 )
+from sim.rendering.ruts import RutMap, Ruts, no_ruts, press_ruts
 from sim.rendering.scene import RenderScene, scene_of
 from sim.rendering.visibility import (
     EDGE,
@@ -67,13 +70,20 @@ from sim.world.appearance import (
     sun_direction,
 )
 from sim.world.fine_terrain import FineTerrain
-from survey import Camera, InputError
+from survey import Camera, Dem, InputError
 from survey.core import FloatArray
 from survey.data.frames import Image
 
 _ROWS_AT_ONCE = 4
 _FARTHEST_M = 3000.0
 _ROUNDED_M2 = 0.01
+
+
+class AroundView(NamedTuple):
+    """Directions and table of 1 / range of the ground around the site."""
+
+    directions: View
+    table: Floats
 
 
 class Lens(NamedTuple):
@@ -94,24 +104,34 @@ def render_rows(
     origins: Doubles,
     view: View,
     table: Floats,
+    around: AroundView,
     scene: RenderScene,
     light: Light,
+    ruts: RutMap,
     most_taps: int,
     shaded: bool,
     radiance: Floats,
     depth: Floats,
+    ratios: Floats,
 ) -> None:
-    """Fill radiance and depth (along the ray, -1 for sky), (H, W); each row has its own pose."""
+    """Fill radiance and depth (along the ray, -1 for sky), (H, W); each row has its own pose.
+
+    `ratios` (H, 2, W): filled with red and blue over the radiance, unless it has no columns.
+    """
     n_rows, width = lens.x.shape
-    f, n = np.empty((35, width), np.float32), np.empty((11, width), np.int32)
+    f, n = np.empty((44, width), np.float32), np.empty((12, width), np.int32)
     rays = RowRays(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], n[0])
     at = Footprints(
         f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17], f[18], f[19], f[20], f[21], f[22], f[23],
         f[24], f[25], f[26], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8],
     )  # fmt: skip
     to = Aim(f[27], f[28], f[29], f[30], f[31], f[32], f[33], f[34], n[9], n[10])
+    far_rays = RowRays(f[35], f[36], f[37], f[38], f[39], f[40], f[41], f[42], f[43], n[11])
     height, flat_table = scene.surface.height, table.ravel()
     flat_height = height.ravel()
+    far = scene.far
+    far_height, far_table = far.surface.height.ravel(), around.table.ravel()
+    shift = np.array([far.x, far.y, 0.0])
     for block in range(worker, (n_rows + _ROWS_AT_ONCE - 1) // _ROWS_AT_ONCE, n_workers):
         for row in range(block * _ROWS_AT_ONCE, min((block + 1) * _ROWS_AT_ONCE, n_rows)):
             meet_ground(
@@ -125,12 +145,25 @@ def render_rows(
                 origins[row],
                 scene,
                 light,
+                ruts,
                 lens.pixel_rad,
                 most_taps,
                 shaded,
                 radiance[row],
                 depth[row],
+                ratios[row],
             )
+            if far.reach_m > 0.0 and _has_sky(rays):
+                origin = origins[row] - shift
+                meet_ground(
+                    lens.x[row], lens.y[row], lens.z[row], rotations[row], origin, around.directions, far_table,
+                    around.table.shape[1], far_height, far.surface.height.shape[1], far.surface.height.shape[0],
+                    far.surface.step_m, far_rays,
+                )  # fmt: skip
+                _paint_far_row(
+                    rays, far_rays, at, to, origin, scene, light, lens.pixel_rad, most_taps, shaded, radiance[row],
+                    depth[row], ratios[row],
+                )  # fmt: skip
 
 
 @scalar
@@ -141,38 +174,108 @@ def _paint_row(
     origin: Doubles,
     scene: RenderScene,
     light: Light,
+    ruts: RutMap,
     pixel_rad: float,
     most_taps: int,
     shaded: bool,
     radiance: Floats,
     depth: Floats,
+    ratios: Floats,
 ) -> None:
-    walk_edges(rays, scene.surface, origin)
-    n_ground = _paint_sky(
-        rays, scene.backdrop, origin, shaded, radiance, depth, at.pixel, at.taps, at.radiance
-    )
+    walk_edges(rays, scene.surface, origin, _FARTHEST_M)
+    n_ground = _paint_sky(rays, scene, origin, light, pixel_rad, shaded, radiance, depth, at, ratios)
     if n_ground == 0:
         return
     measure(n_ground, rays, origin[0], origin[1], pixel_rad, most_taps, scene.surface.step_m, at)
     if shaded:
         read_surface(n_ground, at, to, scene, origin)
+        if ruts.heads.size > 1:
+            press_ruts(n_ground, at, origin, light, ruts)
+        if scene.clouds.mean > 0.0:
+            shade_by_clouds(n_ground, at, rays, origin, light, scene.clouds)
         shade(n_ground, at, light.in_shade, light.haze_m)
         if _is_special(n_ground, at, rays, origin, light, at.taps):
             add_shadow_and_water(n_ground, at, at.taps, rays, origin, light, scene.backdrop)
+        if ratios.size:
+            find_bare(n_ground, at, light.bare_below, light.haze_m)
+            tint_ground(n_ground, at, light.is_ice, ratios)
     for k in range(n_ground):
         radiance[at.pixel[k]] = at.radiance[k]
         depth[at.pixel[k]] = at.path_m[k]
 
 
 @scalar
-def walk_edges(rays: RowRays, surface: Surface, origin: Doubles) -> None:
+def _has_sky(rays: RowRays) -> bool:
+    """Return whether a row has sky, behind which there may be far ground."""
+    for c in range(rays.fate.size):  # noqa: SIM110
+        if rays.fate[c] == SKY:
+            return True
+    return False
+
+
+@scalar
+def _paint_far_row(
+    rays: RowRays,
+    far_rays: RowRays,
+    at: Footprints,
+    to: Aim,
+    origin: Doubles,
+    scene: RenderScene,
+    light: Light,
+    pixel_rad: float,
+    most_taps: int,
+    shaded: bool,
+    radiance: Floats,
+    depth: Floats,
+    ratios: Floats,
+) -> None:
+    """Paint the ground around the site where the fine terrain leaves sky; `origin` counts from its own corner."""
+    far, snow = scene.far, scene.snow
+    for c in range(rays.fate.size):
+        if rays.fate[c] != SKY:
+            far_rays.fate[c] = i32(SKY)
+    walk_edges(far_rays, far.surface, origin, far.reach_m)
+    n_sky = rays.fate.size - rays.fate.size
+    for c in range(rays.fate.size):
+        if far_rays.fate[c] == FOUND:
+            at.pixel[c - n_sky] = c
+        else:
+            n_sky += 1
+    n = rays.fate.size - n_sky
+    if n == 0:
+        return
+    measure(n, far_rays, origin[0], origin[1], pixel_rad, most_taps, far.surface.step_m, at)
+    if shaded:
+        lattice(n, at)
+        for tap in range(2):
+            read_map(
+                tap, n, at, origin[0], origin[1], far.ground.words, far.ground.starts, far.ground.columns,
+                far.ground.rows, far.surface.step_m,
+            )  # fmt: skip
+        aim(
+            n, at, at.weight0, at.weight1, at.taps, at.level, snow.starts, snow.mask, snow.per_m, snow.gain, to,
+        )  # fmt: skip
+        read_tile(n, at, at.taps, to, snow.words)
+        if scene.clouds.mean > 0.0:
+            here = np.array([origin[0] + far.x, origin[1] + far.y, origin[2]])
+            shade_by_clouds(n, at, far_rays, here, light, scene.clouds)
+        shade_far(n, at, far_rays, light.in_shade, light.haze_m)
+        if ratios.size:
+            tint_ground(n, at, False, ratios)
+    for k in range(n):
+        radiance[at.pixel[k]] = at.radiance[k]
+        depth[at.pixel[k]] = at.path_m[k]
+
+
+@scalar
+def walk_edges(rays: RowRays, surface: Surface, origin: Doubles, farthest_m: float) -> None:
     """Compute the exact range, or the sky, of pixels that the table cannot decide."""
     per_step = 1.0 / surface.step_m
     for c in range(rays.fate.size):
         if rays.fate[c] != EDGE and rays.fate[c] != OUTSIDE:
             continue
         ux, uy, slope = float(rays.ux[c]), float(rays.uy[c]), float(rays.slope[c])
-        start, end = 0.0, _FARTHEST_M
+        start, end = 0.0, farthest_m
         if rays.fate[c] == EDGE:
             start = max(0.7 / rays.nearest[c] - 2.5, 0.0)
             if rays.farthest[c] > 0.0:
@@ -190,16 +293,18 @@ def walk_edges(rays: RowRays, surface: Surface, origin: Doubles) -> None:
 @scalar
 def _paint_sky(
     rays: RowRays,
-    scenery: Backdrop,
+    scene: RenderScene,
     origin: Doubles,
+    light: Light,
+    pixel_rad: float,
     shaded: bool,
     radiance: Floats,
     depth: Floats,
-    ground: Ints,
-    sky: Ints,
-    painted: Floats,
+    at: Footprints,
+    ratios: Floats,
 ) -> int:
-    """Paint the sky's pixels, list the others, and return how many those are."""
+    """Paint the sky's pixels, list the others in `at.pixel`, and return how many those are."""
+    scenery, ground, sky, painted = scene.backdrop, at.pixel, at.taps, at.radiance
     n = 0
     for c in range(rays.fate.size):
         if rays.fate[c] != SKY:
@@ -218,6 +323,19 @@ def _paint_sky(
             n_sky, sky, rays.ux, rays.uy, rays.slope, faces.ravel(), faces.shape[1], faces.shape[2],
             scenery.distance_m, x, y, origin[2], painted,
         )  # fmt: skip
+        if scene.clouds.mean > 0.0:
+            open_sky = scenery.is_open
+            backdrop_row(
+                n_sky, sky, rays.ux, rays.uy, rays.slope, open_sky.ravel(), open_sky.shape[1], open_sky.shape[2],
+                scenery.distance_m, x, y, origin[2], at.ambient,
+            )  # fmt: skip
+            paint_clouds(
+                n_sky, sky, rays, origin, pixel_rad, light.haze_m, light, scene.clouds, at.ambient, painted, at.direct
+            )  # fmt: skip
+        if ratios.size:
+            if scene.clouds.mean == 0.0:
+                at.direct[:n_sky] = f32(0)
+            tint_sky(n_sky, sky, rays, at.direct, ratios)
         for k in range(n_sky):
             radiance[u32(sky[k])] = painted[k]
     return n
@@ -340,10 +458,13 @@ class Renderer:
     within 143° to the sides of the viewing direction is fast, the rest correct but slow. `seed`: of texture,
     mountains and noise. `imaging`: exposure and sensor; its lens and mounting are not used (they are the
     camera's). `wind_from_deg`: wind that shaped the finest sastrugi, clockwise from north [deg].
-    `noise_seed`: of the noise, where it has a seed of its own.
+    `noise_seed`: of the noise, where it has a seed of its own. `surroundings`: terrain model of the ground that is seen
+    around the site, instead of random mountains at the one distance of the backdrop. `ruts`: those of the rover that are
+    seen; they may grow from image to image.
 
-    The images are grey. Snow is matt (no forward scattering), mountains have the one
-    distance of the backdrop, and edges against the sky are smoothed by the lens's blur alone.
+    The images are grey, or blue, green and red as `imaging.colour` says. Snow is matt (no forward scattering), and edges
+    against the sky are smoothed by the lens's blur alone. Mountains around that hide the sun from the middle of
+    the site put all of it in shade; water mirrors neither them nor clouds.
 
     >>> from sim.simulate.assembly import rover_camera
     >>> from sim.world.fine_terrain import fine_terrain
@@ -370,19 +491,24 @@ class Renderer:
         imaging: ImagingConfig | None = None,
         wind_from_deg: float = 235.0,
         noise_seed: int | None = None,
+        surroundings: Dem | None = None,
+        ruts: Ruts | None = None,
     ) -> None:
         self.terrain, self.camera = terrain, camera
-        self._appearance = appearance
+        self._appearance, self._wind_from_deg, self._ruts = appearance, wind_from_deg, ruts
         self._datum = float(terrain.height.mean(dtype=np.float64))
         self._lens = lens_of(camera)
         self._edges = edge_rays(self._lens)
-        self.scene = scene_of(terrain, self._datum, appearance, wind_from_deg, seed)
-        self._sensor = ImageSensor(
-            imaging or ImagingConfig(), camera, seed if noise_seed is None else noise_seed
-        )
+        self.scene = scene_of(terrain, self._datum, appearance, wind_from_deg, seed, surroundings)
+        imaging = imaging or ImagingConfig()
+        self._sensor = ImageSensor(imaging, camera, seed if noise_seed is None else noise_seed)
+        self._ratios = np.zeros((camera.height, 2, camera.width * imaging.colour), np.float32)
         self._table = np.zeros((max(256, camera.width), max(256, int(2.4 * camera.height))), np.float32)
         self._radiance, self._depth = (np.zeros(self._lens.x.shape, np.float32) for _ in range(2))
         self._ranges = sample_ranges(float(np.hypot(*terrain.height.shape)) * terrain.step_m)
+        self._no_ruts = no_ruts()
+        self._far_ranges = far_ranges(self.scene.far)
+        self._far_table = np.zeros(self._table.shape if surroundings else (2, 2), np.float32)
 
     def render(
         self,
@@ -394,22 +520,25 @@ class Renderer:
         T_world_camera_exposed: FloatArray | None = None,
         rover_box: RoverBox | None = None,
     ) -> Image:
-        """Return the image (H, W) of one frame.
+        """Return the image of one frame: (H, W), or (H, W, 3) in colour.
 
         `T_world_camera` (4, 4): pose at the first row: takes camera coordinates to easting, northing,
-        elevation. `time_s`: time of the frame; the still world does not depend on it [s].
+        elevation. `time_s`: time of the frame, with which clouds drift [s].
         `T_world_camera_last_row` (4, 4): pose at the last row, for a rolling shutter.
         `T_world_camera_exposed` (4, 4): pose of the first row at the end of its exposure, for motion blur.
         """
-        del time_s
-        radiance, depth = self.trace(T_world_camera, T_world_camera_last_row, rover_box, shaded=True)
+        radiance, depth = self.trace(
+            T_world_camera, T_world_camera_last_row, rover_box, shaded=True, time_s=time_s
+        )
+        if self._ratios.size:
+            radiance = blue_green_red(radiance, self._ratios)
         if T_world_camera_exposed is not None:
             moved = self._flow(depth, T_world_camera, T_world_camera_exposed)
             radiance = _smeared(radiance, moved)
         return self._sensor.image(radiance, frame_index)
 
     def depth(self, T_world_camera: FloatArray, T_world_camera_last_row: FloatArray | None = None) -> Floats:
-        """Return the distance along each pixel's ray (H, W) [m]; infinite for sky and mountains."""
+        """Return the distance along each pixel's ray (H, W) [m]; infinite for sky and the backdrop's mountains."""
         _, depth = self.trace(T_world_camera, T_world_camera_last_row, None, shaded=False)
         return np.where(depth < 0.0, np.float32(np.inf), depth)
 
@@ -454,7 +583,13 @@ class Renderer:
         return moved
 
     def trace(
-        self, first: FloatArray, last: FloatArray | None, box: RoverBox | None, *, shaded: bool
+        self,
+        first: FloatArray,
+        last: FloatArray | None,
+        box: RoverBox | None,
+        *,
+        shaded: bool,
+        time_s: float = 0.0,
     ) -> tuple[Floats, Floats]:
         """Return radiance before the sensor, and depth (-1 for the backdrop), of every pixel: valid until the next call."""
         poses = [self._local(pose) for pose in ([first] if last is None else [first, last])]
@@ -464,6 +599,7 @@ class Renderer:
         view = view_of(directions, rotations[middle][:, 2], *self._table.shape)
         slopes = row_slopes(view, self._table.shape[1])
         share_out(sweep, self.scene.surface, origins[middle], view, self._ranges, slopes, self._table)
+        around = self._swept_around(origins[middle], view)
         radiance, depth = self._radiance, self._depth  # fresh pages would cost a millisecond
         share_out(
             render_rows,
@@ -472,14 +608,27 @@ class Renderer:
             origins,
             view,
             self._table,
+            around,
             self.scene,
-            self._light(box),
+            self._light(box, time_s),
+            self._no_ruts if self._ruts is None else self._ruts.map(),
             _MOST_TAPS,
             shaded,
             radiance,
             depth,
+            self._ratios,
         )
         return radiance, depth
+
+    def _swept_around(self, eye: Doubles, view: View) -> AroundView:
+        """Return the ranges of the ground around the site, as the sweep of the fine terrain gives them."""
+        far, table = self.scene.far, self._far_table
+        if far.reach_m > 0.0:
+            view = far_view(view, table.shape[1])
+            eye = eye - np.array([far.x, far.y, 0.0])
+            slopes = row_slopes(view, table.shape[1])
+            share_out(sweep, far.surface, eye, view, self._far_ranges, slopes, table)
+        return AroundView(view, table)
 
     def _local(self, pose: FloatArray) -> Doubles:
         """Return a pose relative to the terrain's south-western node and datum; refuse one off the terrain or below it."""
@@ -501,7 +650,7 @@ class Renderer:
         matrix[2, 3] -= self._datum
         return matrix
 
-    def _light(self, box: RoverBox | None) -> Light:
+    def _light(self, box: RoverBox | None, time_s: float) -> Light:
         half, rotation, centre = np.zeros(3), np.eye(3), np.zeros(3)
         if box is not None:
             pose = np.asarray(box.T_world_box, dtype=np.float64)
@@ -512,7 +661,11 @@ class Renderer:
             centre = pose[:3, 3] - np.append(self.terrain.origin, self._datum)
         look = self._appearance
         in_shade = 0.3 + 0.7 * look.stones if self.terrain.surface == "snow" else 1.0
-        return Light(sun_direction(look), look.sky_share, in_shade, look.haze_m, half, rotation, centre)
+        bare_below = 0.5 if self.terrain.surface == "snow" and look.stones == 0.0 else 0.15
+        return Light(
+            sun_direction(look), look.sky_share, in_shade, look.haze_m, half, rotation, centre,
+            drift_m(look, self._wind_from_deg, time_s), bare_below, self.terrain.surface == "bare ice",
+        )  # fmt: skip
 
 
 def _row_poses(poses: list[Doubles], n_rows: int) -> tuple[Doubles, Doubles]:

@@ -41,9 +41,13 @@ class Surface(NamedTuple):
 
 def surface_of(terrain: FineTerrain, datum_m: float) -> Surface:
     """Prepare the terrain's heights above a datum."""
-    height = np.ascontiguousarray(terrain.height[::-1]) - np.float32(datum_m)
+    return surface_on(np.ascontiguousarray(terrain.height[::-1]) - np.float32(datum_m), terrain.step_m)
+
+
+def surface_on(height: Floats, step_m: float) -> Surface:
+    """Prepare heights whose first row is the southern one."""
     fine, middle, coarse = (_block_maxima(height, n) for n in (FINE_BLOCK, MIDDLE_BLOCK, COARSE_BLOCK))
-    return Surface(height, terrain.step_m, fine, middle, coarse)
+    return Surface(height, step_m, fine, middle, coarse)
 
 
 def _block_maxima(height: Floats, block: int) -> Floats:
@@ -420,7 +424,7 @@ def _look_up(
         w0 += (w1 - w0) * b
         w2 += (w3 - w2) * b
         rays.ux[c], rays.uy[c], rays.slope[c] = ux, uy, slope
-        rays.range_m[c] = one / max(w0 + (w2 - w0) * a, f32(1e-4))
+        rays.range_m[c] = one / max(w0 + (w2 - w0) * a, f32(1e-5))
         rays.nearest[c], rays.farthest[c] = high, low
         no_ground = (high <= zero) | (qt > q_end)
         rays.fate[c] = i32(OUTSIDE) if outside else (i32(SKY) if no_ground else i32(EDGE))

@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 from sim.config.mission import MissionConfig
 from sim.config.sensors import FaultConfig, faults_of
 from sim.config.world import AppearanceConfig, ImagingConfig
-from sim.rendering import Renderer, RoverBox
-from sim.vehicle.motion import HeightField, KinematicRover, Physics
+from sim.rendering import Renderer, RoverBox, Ruts
+from sim.vehicle.motion import HeightField, KinematicRover, Physics, RoverState
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rigid_bodies import ContactRover
 from sim.world.fine_terrain import FineTerrain
+from sim.world.surroundings import mission_surroundings
 from survey import Camera
 from survey.core import FloatArray, stream
 from survey.data.frames import Image
@@ -65,7 +66,8 @@ class RoverCamera:
     """Takes frames along a motion, with rolling shutter and motion blur if the camera has them.
 
     `renderer`: the scene, seen by the rover's camera. `exposure_s`: time that a row is exposed; 0 for no
-    motion blur [s]. `box`: gives, for a pose of the body, the box that throws the rover's shadow.
+    motion blur [s]. `box`: gives, for a pose of the body, the box that throws the rover's shadow. `ruts`: those of the
+    renderer, if they are shown.
     """
 
     def __init__(
@@ -74,19 +76,27 @@ class RoverCamera:
         *,
         exposure_s: float = 0.0,
         box: Callable[[FloatArray], RoverBox] | None = None,
+        ruts: Ruts | None = None,
     ) -> None:
-        self._renderer, self._exposure_s, self._box = renderer, exposure_s, box
+        self.renderer, self.ruts = renderer, ruts
+        self._exposure_s, self._box = exposure_s, box
+
+    def drive_over(self, state: RoverState) -> None:
+        """Press the tracks into the ground at a state of the rover, where ruts are shown."""
+        if self.ruts is not None:
+            place = np.array(state.position[:2]) - self.renderer.terrain.origin
+            self.ruts.press(float(place[0]), float(place[1]), state.heading_rad)
 
     def frame(self, pose_at: PoseAt, time_s: float, frame_index: int) -> Image:
         """Return the image whose first row is exposed around `time_s`."""
-        camera, half = self._renderer.camera, 0.5 * self._exposure_s
+        camera, half = self.renderer.camera, 0.5 * self._exposure_s
         readout_s = camera.row_readout_s * (camera.height - 1)
 
         def view(at_s: float) -> FloatArray:
             pose: FloatArray = pose_at(at_s) @ camera.T_body_camera
             return pose
 
-        return self._renderer.render(
+        return self.renderer.render(
             view(time_s - half),
             time_s,
             frame_index,
@@ -103,10 +113,29 @@ def rover_physics(ground: HeightField, path: FloatArray, mission: MissionConfig)
     return kind(ground, mission.physics, mission.rover, path[0], float(np.arctan2(ahead[1], ahead[0])))
 
 
+_TRACK_WIDTH_M = 0.15
+_RUT_DEPTH_M = {"snow": 0.025, "bare ice": 0.003, "debris": 0.008}
+
+
+def _ruts_on(ground: FineTerrain, gauge_m: float) -> Ruts:
+    """Return the ruts of a rover before it drives."""
+    size_m = np.array(ground.height.shape[::-1]) * ground.step_m
+    return Ruts(
+        size_m,
+        gauge_m=gauge_m,
+        width_m=_TRACK_WIDTH_M,
+        depth_m=_RUT_DEPTH_M[ground.surface],
+        smooth=0.5 if ground.surface == "snow" else 0.0,
+    )
+
+
 def camera_on_rover(
     ground: FineTerrain, look: AppearanceConfig, camera: Camera, mission: MissionConfig
 ) -> RoverCamera:
-    """Return the rover's camera; the rover casts a shadow in its images."""
+    """Return the rover's camera; the rover casts a shadow in its images, and leaves ruts if they are wanted."""
+    physics = mission.physics
+    gauge_m = physics.track_gauge_m
+    ruts = _ruts_on(ground, gauge_m) if look.ruts else None
     renderer = Renderer(
         ground,
         look,
@@ -115,17 +144,18 @@ def camera_on_rover(
         noise_seed=mission.seed,
         imaging=mission.imaging,
         wind_from_deg=mission.scenery.wind_from_deg,
+        surroundings=None if look.horizon is None else mission_surroundings(mission, ground, look.horizon),
+        ruts=ruts,
     )
-    physics = mission.physics
     length = physics.track_length_m + 2.0 * physics.wheel_radius_m
-    size = length, physics.track_gauge_m + physics.wheel_radius_m, 0.3
+    size = length, gauge_m + physics.wheel_radius_m, 0.3
 
     def box(T_world_body: FloatArray) -> RoverBox:
         T_body_box = np.eye(4)
         T_body_box[2, 3] = 0.5 * size[2] + 0.05
         return RoverBox(size, T_world_body @ T_body_box)
 
-    return RoverCamera(renderer, exposure_s=mission.imaging.exposure_s, box=box)
+    return RoverCamera(renderer, exposure_s=mission.imaging.exposure_s, box=box, ruts=ruts)
 
 
 def stakes_beside(ground: HeightField, pursuit: PurePursuit, mission: MissionConfig) -> FloatArray:
@@ -166,7 +196,7 @@ class Faults:
     def appearance(self, look: AppearanceConfig) -> AppearanceConfig:
         """Return the appearance of the site, without mountains where they are hidden."""
         hidden = faults_of(self._faults, "scenery")
-        return look.model_copy(update={"ridges_deg": 0.0}) if hidden else look
+        return look.model_copy(update={"ridges_deg": 0.0, "horizon": None}) if hidden else look
 
     def calibration(self, camera: Camera) -> Camera:
         """Return the calibration that the recording states, with errors of focal length and pitch."""

@@ -235,6 +235,7 @@ class _Run:
                 self._physics.step(left, right)
             self._recent.append(self._physics.state)
         self._states.append(self._physics.state)
+        self._rover_camera.drive_over(self._physics.state)
 
     def _frame_is_due(self) -> bool:
         """Return whether the rover has moved on until the last row of the next frame is exposed."""

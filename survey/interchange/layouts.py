@@ -142,20 +142,22 @@ def write_kitti_sequence(recording: Recording, folder: Path, reference: Trajecto
 
     Notes
     -----
-    Images of that layout are rectified: those of a lens with distortion are resampled to a pinhole without. ``P1`` to
+    Images of that layout are rectified: those of a lens with distortion are resampled to a pinhole without. Grey images are
+    those of camera 0, images in colour those of camera 2. ``P1`` to
     ``P3`` of ``calib.txt`` repeat ``P0``, for there is one camera. ``Tr`` takes points of the scanner, without one those
     of the body, to the camera. Scans have times of their own in ``velodyne/times.txt``.
     """
     frames, camera = recorded_images(recording)
     _require_empty(folder)
-    (folder / "image_0").mkdir(parents=True, exist_ok=True)
+    images = folder / ("image_0" if frames[0].ndim == 2 else "image_2")
+    images.mkdir(parents=True, exist_ok=True)
     pinhole = rectified_camera(camera)
     source = None if pinhole is camera else _source_pixels(camera, pinhole)
     for k, time_s in enumerate(frames.time_s):
         image = frames[k]
         if source is not None:
             image = np.asarray(cv2.remap(image, source[0], source[1], cv2.INTER_LINEAR), dtype=np.uint8)
-        (folder / "image_0" / f"{k:06d}.png").write_bytes(png_of_frame(image, time_s))
+        (images / f"{k:06d}.png").write_bytes(png_of_frame(image, time_s))
     _write(folder / "times.txt", [f"{time_s!r}" for time_s in frames.time_s.tolist()])
     projection = np.column_stack([pinhole.matrix, np.zeros(3)])
     T_body_lidar = np.eye(4)
