@@ -32,6 +32,7 @@ from survey.data.sensors.payload import Quantity
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.kernels import Matern32
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, FunctionMean
+from survey.reconstruction.lattice.free_surface import FreeSurface
 from survey.reconstruction.motion.priors import VelocityRasters
 from survey.reporting.survey_results import (
     FleetResults,
@@ -70,6 +71,7 @@ MODULES = {
     "planners.steering": "Attitude SteeringState",
     "survey.reconstruction.gp.gp_terrain": "GaussianProcessTerrain",
     "survey.reconstruction.gp.mean": "ConstantMean DemMean FunctionMean",
+    "survey.reconstruction.lattice.free_surface": "FreeSurface",
     "survey.reconstruction.motion.priors": "VelocityRasters",
     "survey.reporting.survey_results": "FleetResults HazardResults OnBoard PayloadResults RoverDrive SurveyResults",
     "survey.scoring.differencing.displacements": "RasterField SteadyField TrackedField",
@@ -116,6 +118,8 @@ def estimates() -> Iterator[Any]:
     yield from (ConstantMean(1.0), DemMean(made["Dem"]), FunctionMean(np.sum), GaussianProcessTerrain())
     yield SeenDrive(*(made[name] for name in ("Frames", "Camera", "VisualOdometry", "Trajectory")))
     yield VelocityRasters(*(made["Dem"],) * 4)
+    corners, one = np.eye(3), np.ones(3)
+    yield FreeSurface(corners, np.array([[0, 1, 2]]), corners, one, one > 0.0, 1.0, 0.1, 0.1, (1.0, 1.0))
     yield SampleSite(made["Dem"], (0.0, 0.0, 1.0, 1.0))
     yield SatelliteDem(made["Dem"].elevation, made["Dem"].transform, made["Dem"].crs)
 

@@ -13,6 +13,7 @@ import shapely
 from sim.mission.rehearsal import fault_tree, fault_tree_plot, summarize_outcomes
 from sim.montecarlo.results import error_curves
 from survey import figures as drawn
+from survey.core import BoolArray
 from survey.core.files import PictureKind
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
@@ -28,6 +29,10 @@ from tests.survey import conftest
 from tests.survey.figures.test_season import ERRORS, PARTS
 from tests.survey.figures.test_sheets import content
 from tests.test_structure import ROOT, product
+from vision_slam.extended_map import ExtendedMap
+from vision_slam.orthoimage import Orthoimage
+from vision_slam.plotting import extended_map
+from vision_slam.scan_agreement import HeightErrors
 
 site, scored = conftest.site, conftest.scored
 _ELSEWHERE = {
@@ -37,6 +42,12 @@ _ELSEWHERE = {
     "document_pages": "tests/survey/reporting/test_document.py",
 }
 """Figures that need images or a whole report, with the file of their test."""
+
+
+def _left_half(site: SimpleNamespace) -> BoolArray:
+    """Return which nodes (H, W) of a map lie in its left half."""
+    rows, columns = site.reconstruction.mean.elevation.shape
+    return np.tile(np.arange(columns) < columns // 2, (rows, 1))
 
 
 def _rows() -> list[dict[str, Any]]:
@@ -108,6 +119,11 @@ FIGURES: dict[str, Callable[[SimpleNamespace, Any], Any]] = {
     ),
     "error_over_distance": lambda s, _: paths.error_over_distance(
         s.trajectory.position, s.reference_trajectory.position, s.trajectory.covariance, s.trajectory.health < 0.5
+    ),
+    "extended_map": lambda s, _: extended_map(
+        ExtendedMap(s.reconstruction, s.reconstruction, s.points, HeightErrors(1.0, 0.1, 1e-3, 9, 9, 0.9), (), _left_half(s)),
+        Orthoimage(np.full((1, *s.reconstruction.mean.elevation.shape), 120.0), s.reconstruction.mean.grid()),
+        s.trajectory.position[:, :2],
     ),
     "error_over_time": lambda s, _: drawn.error_over_time(s.trajectory, s.reference_trajectory),
     "executed_route": lambda s, _: drawn.executed_route(s.route, s.trajectory.position, s.trajectory.position, area=s.area),

@@ -35,7 +35,7 @@ _LEAST_SHARE = 0.005
 """Pieces with fewer of the supported nodes are left out."""
 
 
-class Patches(NamedTuple):
+class TangentPatches(NamedTuple):
     """Means of the points of small cells: places (M, 3) [m], normals towards the scanner (M, 3), rays (M, 3), areas (M,) [m²]."""
 
     places: FloatArray
@@ -91,7 +91,7 @@ def surface_net(
     return nodes[used], _split(nodes[used], index.reshape(-1, 4))
 
 
-def _patches(xyz: FloatArray, origins: FloatArray, step_m: float) -> Patches:
+def _patches(xyz: FloatArray, origins: FloatArray, step_m: float) -> TangentPatches:
     """Average points over cells of half a step, and estimate normals and areas from the nearest ten."""
     _, cell, count = np.unique(cell_numbers(xyz, 0.5 * step_m), return_inverse=True, return_counts=True)
     if len(count) <= _N_NEIGHBOURS:
@@ -108,7 +108,7 @@ def _patches(xyz: FloatArray, origins: FloatArray, step_m: float) -> Patches:
     normals = vectors[:, :, 0]
     normals = np.where((normals * rays).sum(axis=1)[:, None] > 0.0, -normals, normals)
     radius = np.minimum(away[:, -1], 2.0 * step_m)
-    return Patches(places, normals, rays, np.pi * radius**2 / _N_NEIGHBOURS)
+    return TangentPatches(places, normals, rays, np.pi * radius**2 / _N_NEIGHBOURS)
 
 
 def cell_numbers(xyz: FloatArray, side_m: float) -> IntArray:
@@ -118,7 +118,7 @@ def cell_numbers(xyz: FloatArray, side_m: float) -> IntArray:
     return numbers
 
 
-def _indicator(patches: Patches, low: FloatArray, shape: tuple[int, ...], step_m: float) -> FloatArray:
+def _indicator(patches: TangentPatches, low: FloatArray, shape: tuple[int, ...], step_m: float) -> FloatArray:
     """Solve for the indicator function on a grid, by conjugate gradients that a cosine transform preconditions."""
     places = (patches.places - low) / step_m
     areas = patches.areas / step_m**2

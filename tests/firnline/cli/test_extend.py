@@ -34,6 +34,7 @@ def extended(place: Path, *options: str) -> str:
     return CliRunner().invoke(app, [*command, "--out", str(place / "beyond")]).output
 
 
+@pytest.mark.pictures
 def test_images_extend_the_map_of_the_scans(place):
     said = extended(place, "--pixel", "0.5")
     out = place / "beyond"
