@@ -13,7 +13,7 @@
 | weather.csv | air temperature along four lines |
 | line.geojson, seen.csv | a swath across a ditch, and the points that a scanner saw there |
 | gamma.csv | counts of radiation on eight lines |
-| drive, localized | images and scans along 8 m of a tilted plane, and their localization |
+| scanned, localized | images and scans along 8 m of a tilted plane, and their localization |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 | 2026.laz, 2024.laz | point clouds of two surveys |
 """
@@ -74,6 +74,7 @@ def make_scratch(folder: Path) -> None:
     _write_clouds(folder, rng)
     _write_counts(folder / "gamma.csv")
     write_drive(folder)
+    (folder / "drive").rename(folder / "scanned")
     write_ditch(folder)
 
 

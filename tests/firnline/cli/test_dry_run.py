@@ -19,7 +19,7 @@ RUNS = {
     "change": "2026.tif 2024.tif --outline glacier.gpkg -o change --report change.pdf",
     "counts": "gamma.csv --crs EPSG:32608 --source radiation -o gamma",
     "example": "short-drive",
-    "extend": "drive localized --reach 20 -o beyond",
+    "extend": "scanned localized --reach 20 -o beyond",
     "export": "map.tif map.nc",
     "export points": "landmarks.csv landmarks.ply --crs EPSG:32608",
     "init": "other.toml --dem srtm.tif",
