@@ -88,7 +88,7 @@ class OverhangsResult(WrittenResult):
             "factor_near_returns": surface.factors[0],
             "factor_in_gaps": surface.factors[1],
             "sections": [
-                {"start_m": one.start.tolist(), "end_m": one.end.tolist(), "steepest_deg": one.steepest_deg}
+                {"start_m": one.start.tolist(), "end_m": one.end.tolist(), "steepness_deg": one.steepness_deg}
                 for one in self.sections
             ],
         }
@@ -114,7 +114,7 @@ class OverhangsResult(WrittenResult):
             if name in facts
         ]
         sections = [
-            f"section {letter}: {east:.1f} E, {north:.1f} N, {one.steepest_deg:.0f}° steep"
+            f"section {letter}: {east:.1f} E, {north:.1f} N, {one.steepness_deg:.0f}° steep"
             for letter, one in zip("ABC", self.sections, strict=False)
             for east, north in [0.5 * (one.start + one.end)]
         ]

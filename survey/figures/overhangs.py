@@ -61,7 +61,7 @@ def overhang_sections(
         )
         panel = figure.add_subplot(grid[row, 1])
         _draw_section(panel, one, one.beside(returns.xyz, 0.5 * surface.step_m))
-        panel.set_title(f"Section {_LETTERS[row]}, {one.steepest_deg:.0f}° steep")
+        panel.set_title(f"Section {_LETTERS[row]}, {one.steepness_deg:.0f}° steep")
     if sections:
         figure.axes[-1].set_xlabel("Along the section [m]")
     figure.legend(handles=_legend(), loc="outside lower center", ncols=4)

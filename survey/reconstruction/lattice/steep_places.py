@@ -17,7 +17,7 @@ STEEP_DEG, OVERHANGING_DEG = 60.0, 90.0
 """Steepness of walls and of overhangs [deg]."""
 MOST_SECTIONS = 3
 _CELL_IN_STEPS, _HALF_IN_STEPS, _APART_IN_CELLS = 8.0, 24.0, 1.5
-_STEEPEST_SHARE = 0.95
+_STEEPEST_SHARE = 0.75
 
 
 class Facets(NamedTuple):
@@ -58,13 +58,13 @@ class Facets(NamedTuple):
 class SteepSection(NamedTuple):
     """Vertical section through a steep place.
 
-    `start`, `end` (2,): easting and northing of both ends [m]; the surface is open towards the start. `steepest_deg`: steepness of which 5 % of
-    the facets in the cell exceed [deg]. `lines`: lines in which the surface meets the plane.
+    `start`, `end` (2,): easting and northing of both ends [m]; the surface is open towards the start. `steepness_deg`: steepness that a
+    quarter of the facets in the cell exceed [deg]. `lines`: lines in which the surface meets the plane.
     """
 
     start: FloatArray
     end: FloatArray
-    steepest_deg: float
+    steepness_deg: float
     lines: VerticalSection
 
     def beside(self, xyz: FloatArray, within_m: float) -> FloatArray:
@@ -99,7 +99,7 @@ def steep_sections(surface: FreeSurface, most: int = MOST_SECTIONS) -> list[Stee
     >>> wall = np.column_stack([0.2 * z.ravel(), x.ravel(), z.ravel()])  # leans back by 11°
     >>> ones = np.ones(4)
     >>> surface = FreeSurface(wall, np.array([[0, 2, 1], [1, 2, 3]]), wall, ones, ones > 0.0, 0.5, 0.1, 0.1, (1.0, 1.0))
-    >>> round(steep_sections(surface)[0].steepest_deg)
+    >>> round(steep_sections(surface)[0].steepness_deg)
     79
     """
     facets = Facets.of(surface)
@@ -124,6 +124,6 @@ def _through(surface: FreeSurface, facets: Facets) -> SteepSection:
     length = float(np.hypot(*along))
     along = along / length if length > 0.0 else np.array([1.0, 0.0])
     half = _HALF_IN_STEPS * surface.step_m * along
-    steepest_deg = float(np.quantile(facets.steepness_deg, _STEEPEST_SHARE))
+    steepness_deg = float(np.quantile(facets.steepness_deg, _STEEPEST_SHARE))
     start, end = middle + half, middle - half
-    return SteepSection(start, end, steepest_deg, surface.section(start, end))
+    return SteepSection(start, end, steepness_deg, surface.section(start, end))
