@@ -19,7 +19,6 @@ from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
 from survey.figures import calibration, errors, maps, paths, plans
 from survey.figures.layout import PAPERS_MM, arranged, is_wide
-from survey.figures.overhangs import overhang_sections
 from survey.figures.style import FULL_IN, picture_bytes
 from survey.reconstruction import FreeSurface
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
@@ -93,7 +92,7 @@ def _overhanging_face() -> Any:
     sigma = np.where(up < 1.0, 0.2, 0.02)
     surface = FreeSurface(nodes, triangles, nodes, sigma, up >= 1.0, 0.5, 0.1, 0.01, (1.0, 1.0))
     returns = SurfacePoints(nodes, sigma_m=0.02, origins=nodes * 0.0 - [8.0, 0.0, 0.0], crs="EPSG:32608")
-    return overhang_sections(surface, steep_sections(surface), returns)
+    return drawn.overhang_sections(surface, steep_sections(surface), returns)
 
 
 def _residuals(site: SimpleNamespace) -> Any:
