@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -209,12 +208,12 @@ def _read_returns(request: OverhangsRequest, progress: Progress) -> survey.Surfa
         inside = np.ones(len(scan), dtype=bool)
         if area is not None:
             inside = np.asarray(shapely.contains_xy(area.polygon, scan.xyz[:, :2]))
-        if inside.any():
-            parts.append(scan.select(inside))
-        if sum(map(len, parts)) > _MOST_RETURNS:
+        if sum(map(len, parts)) + inside.sum() > _MOST_RETURNS:
             raise InputError(
                 f"the scans hold more than {_MOST_RETURNS:,} returns; name a part of the ground with --area."
             )
+        if inside.any():
+            parts.append(_with_errors(scan.select(inside), request))
     if not parts:
         raise InputError(
             f"no return of {', '.join(map(str, request.sources))} lies in {request.area or 'the time of the trajectory'}; check --area, "
@@ -287,19 +286,20 @@ def _placed(request: OverhangsRequest, progress: Progress) -> Iterator[survey.Su
     track = None if request.trajectory is None else SensorPath.read(request.trajectory)
     scans = read_scans(files, crs=request.crs, sigma_m=request.sigma_m, track=track, units=request.units)
     for number, (file, scan) in enumerate(zip(files, scans, strict=True), 1):
-        yield _with_errors(scan, file, request)
+        if scan.origins is None:
+            raise InputError(
+                f"the scan {file} does not state where the scanner stood; add the columns origin_x_m, origin_y_m and origin_z_m (npz: "
+                "origin), or name its path with --trajectory."
+            )
+        yield scan
         progress("scans", number, len(files))
 
 
-def _with_errors(scan: survey.SurfacePoints, file: Path, request: OverhangsRequest) -> survey.SurfacePoints:
+def _with_errors(scan: survey.SurfacePoints, request: OverhangsRequest) -> survey.SurfacePoints:
     """Return a scan with covariances: those that it states, or those along and across its rays and of its place."""
     from survey.reconstruction import beam_covariance
 
-    if scan.origins is None:
-        raise InputError(
-            f"the scan {file} does not state where the scanner stood; add the columns origin_x_m, origin_y_m and origin_z_m (npz: "
-            "origin), or name its path with --trajectory."
-        )
+    assert scan.origins is not None
     if scan.covariance is not None:
         own = scan.covariance if scan.own_covariance is None else scan.own_covariance
     else:
