@@ -98,6 +98,21 @@ def test_every_return_of_a_drive_is_used_with_the_error_of_its_path(place):
     assert "sections: none" in " ".join(made.lines())
 
 
+def test_points_with_times_are_seen_from_the_path_of_the_scanner(place):
+    points = SurfacePoints.read(place / "serac.ply")
+    time_s = np.linspace(10.0, 11.0, len(points))
+    SurfacePoints(points.xyz, sigma_m=0.01, values={"time_s": time_s}, crs=CRS).write(place / "timed.ply")
+    poses = [f"{t} {WEST - 6.0} {SOUTH + north} 801.5 0 0 0 1" for t, north in ((10.0, 1.0), (11.0, 3.0))]
+    (place / "path.tum").write_text("\n".join(poses) + "\n")
+    request = actions.OverhangsRequest(
+        sources=[place / "timed.ply"], trajectory=place / "path.tum", step_m=0.4, out=place / "timed"
+    )
+    made = actions.overhangs(request)
+    assert made.returns.origins[0] == pytest.approx([WEST - 6.0, SOUTH + 1.0, 801.5])
+    assert made.returns.origins[-1] == pytest.approx([WEST - 6.0, SOUTH + 3.0, 801.5])
+    assert made.facts()["overhanging_m2"] == pytest.approx(FACE_M2, rel=0.15)
+
+
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
