@@ -300,10 +300,10 @@ def arranged(figure: Figure, width_in: float) -> Iterator[None]:
             changes.enter_context(_stacked_panels(figure, width_in))
         else:
             figure.set_figwidth(width_in)
-        # An automatic layout comes to rest after a few drawings.
+        # An automatic layout comes to rest when it is repeated, as the drawing does.
         engine = figure.get_layout_engine()
         if engine is not None:
-            engine.execute(figure)  # comes to rest when the figure is drawn, which repeats it
+            engine.execute(figure)
         yield
         figure.set_size_inches(*size)
 
