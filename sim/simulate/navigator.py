@@ -381,7 +381,7 @@ def drive_over_texture() -> VisualOdometry | None:
     first images of the real drive.
     """
     n_images, width, focal_px, step_px = 4, 160, 100.0, 25
-    matrix = [[focal_px, 0.0, 0.5 * width], [0.0, focal_px, 0.5 * width], [0.0, 0.0, 1.0]]
+    matrix = np.array([[focal_px, 0.0, 0.5 * width], [0.0, focal_px, 0.5 * width], [0.0, 0.0, 1.0]])
     T_body_camera = np.eye(4)[[1, 0, 2, 3]] * [-1.0, -1.0, -1.0, 1.0]
     T_body_camera[2, 3] = 1.0
     odometry = OnboardOdometry(Camera("pinhole", width, width, matrix, np.zeros(5), T_body_camera))
@@ -390,7 +390,7 @@ def drive_over_texture() -> VisualOdometry | None:
     still, gravity = np.zeros((len(time_s), 3)), np.tile([0.0, 0.0, 9.81], (len(time_s), 1))
     odometry.sense(Wheels(time_s, rolled_m, rolled_m), Inertial(time_s, still, gravity), None)
     noise = stream(0, "texture").integers(0, 256, (width + step_px * n_images, width), dtype=np.uint8)
-    texture = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.0), None, 0, 255, cv2.NORM_MINMAX)
+    texture = cv2.GaussianBlur(noise, (0, 0), 2.0)
     for k in range(n_images):
         top = step_px * (n_images - k)
         odometry.look(np.asarray(texture[top : top + width], dtype=np.uint8), float(k))
