@@ -257,6 +257,7 @@ def _scale_factor(axes: Axes, crs: CRS) -> float:
 NARROW_IN = 4.0
 """Width of a narrow figure [in]; a phone shows 90 CSS pixels per inch."""
 _STACKED_BELOW_IN = 6.0
+_N_LAYOUTS = 2
 # Mean width of a letter of a title [in].
 _TITLE_LETTER_IN = 0.084
 _MM_PER_IN = 25.4
@@ -300,10 +301,11 @@ def arranged(figure: Figure, width_in: float) -> Iterator[None]:
             changes.enter_context(_stacked_panels(figure, width_in))
         else:
             figure.set_figwidth(width_in)
-        # An automatic layout comes to rest when it is repeated, as the drawing does.
+        # An automatic layout comes to rest after a few repetitions, of which the drawing is one.
         engine = figure.get_layout_engine()
         if engine is not None:
-            engine.execute(figure)
+            for _ in range(_N_LAYOUTS):
+                engine.execute(figure)
         yield
         figure.set_size_inches(*size)
 
