@@ -164,10 +164,10 @@ path_map(path.position, path.covariance[:, :3, :3], fixes=fixes, reference=truth
 #
 # Landmarks that were seen from one place share the error of that pose. `estimate.trajectory.error` holds how the errors
 # of the poses are correlated; with it, map and path are estimated together. Without it the landmarks would count as independent,
-# and the standard deviation of the map would be far too small. A fifth of the landmarks is enough here.
+# and the standard deviation of the map would be far too small. A tenth of the landmarks is enough here.
 
 # %%
-landmarks = estimate.points.select(np.arange(len(estimate.points)) % 5 == 0)
+landmarks = estimate.points.select(np.arange(len(estimate.points)) % 10 == 0)
 area = SurveyArea.rectangle((EAST + 8.0, NORTH + 6.0, EAST + 22.0, NORTH + 14.0), CRS)
 grid = Grid.over(area.bounds, step_m=0.25, crs=CRS)
 terrain = reconstruct(landmarks, grid, area=area, path=path.error)

@@ -4,10 +4,12 @@ import gc
 import os
 import shutil
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer.testing
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
@@ -43,6 +45,14 @@ def pytest_collection_finish() -> None:
 def one_thread() -> Iterator[None]:
     """Two threads that wait for one another by spinning are slower than one."""
     with threadpool_limits(limits=1):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def commands_once() -> Iterator[None]:
+    """Build the commands of an application once, not at every call of a runner."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", cache(typer.testing._get_command))
         yield
 
 

@@ -1,5 +1,7 @@
 """Figures of tracked corners on images, of features that photographs share, and of a map that images extend."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -11,13 +13,15 @@ from survey.data.frames import Frames, Image
 from survey.figures.style import DEVIATION, ESTIMATE, FULL_IN, INK, styled
 from vision_slam.attitude import initial_pose
 from vision_slam.config import VisualOdometryConfig
-from vision_slam.extended_map import ExtendedMap
 from vision_slam.motion import MotionSensors
 from vision_slam.odometry.tracks import ContrastEnhancer, grey_of
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.orthoimage import Orthoimage
 from vision_slam.photographs.matches import detect_features, epipolar_error_px, match_features
 from vision_slam.readers.sequence import VisionRecords
+
+if TYPE_CHECKING:
+    from vision_slam.extended_map import ExtendedMap  # loads scipy.stats
 
 _N_FOLLOWED = 10  # images over which corners are followed
 _N_DRAWN = 6  # of each corner's places, so that lines stay apart
@@ -121,7 +125,7 @@ _LINES_M = (0.5, 1.0, 2.0, 5.0, 10.0)
 
 
 @styled
-def extended_map(found: ExtendedMap, image: Orthoimage, path: FloatArray) -> Figure:
+def extended_map(found: "ExtendedMap", image: Orthoimage, path: FloatArray) -> Figure:
     """Draw the orthoimage with contours, heights and contradictions, and the standard deviation with and without images.
 
     `path` (N, 2): the way of the drive [m].

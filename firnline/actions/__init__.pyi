@@ -28,6 +28,8 @@ from firnline.actions.localizing import LocalizeRequest as LocalizeRequest
 from firnline.actions.localizing import localize as localize
 from firnline.actions.mapping import MapResult as MapResult
 from firnline.actions.mapping import reconstruct as reconstruct
+from firnline.actions.overhanging import OverhangsResult as OverhangsResult
+from firnline.actions.overhanging import overhangs as overhangs
 from firnline.actions.payload_mapping import PayloadResult as PayloadResult
 from firnline.actions.payload_mapping import payload as payload
 from firnline.actions.plan_request import PlanRequest as PlanRequest
@@ -37,6 +39,7 @@ from firnline.actions.requests import CountsRequest as CountsRequest
 from firnline.actions.requests import ExtendRequest as ExtendRequest
 from firnline.actions.requests import InitRequest as InitRequest
 from firnline.actions.requests import MonteCarloRequest as MonteCarloRequest
+from firnline.actions.requests import OverhangsRequest as OverhangsRequest
 from firnline.actions.requests import PayloadRequest as PayloadRequest
 from firnline.actions.requests import ReconstructRequest as ReconstructRequest
 from firnline.actions.requests import RehearseRequest as RehearseRequest

@@ -431,6 +431,59 @@ class ExtendRequest(PictureOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OverhangsRequest(PictureOptions):
+    """LiDAR scans of steep walls, undercuts and serac edges whose surface is to be estimated."""
+
+    sources: Annotated[
+        list[Path],
+        Argument(
+            help="Scans that state where the scanner stood (columns origin_x_m, origin_y_m, origin_z_m of LAS, LAZ or PLY, origin of npz), or folders of "
+            "them; or scans in the sensor's frame (recording, KITTI, ROS) with --trajectory."
+        ),
+    ]
+    trajectory: Annotated[
+        Path | None,
+        Option(
+            "--trajectory",
+            help="Path of the scanner: trajectory.csv for scans in the sensor's frame, TUM for LAS, LAZ and PLY with a time at each point.",
+        ),
+    ] = None
+    area: Annotated[
+        Path | None, Option("--area", help="Polygon file; only returns inside are used, all without it.")
+    ] = None
+    step_m: Annotated[
+        float, Option("--grid", min=0.02, help="Distance between the nodes of the surface [m].")
+    ] = 0.25
+    crs: Annotated[str | None, Option("--crs", help="CRS of scans that name none, e.g. EPSG:32608.")] = None
+    units: Lengths = None
+    sigma_m: Annotated[
+        float | None,
+        Option("--sigma", min=0.001, help="Standard deviation of ranges, for files that state none [m]."),
+    ] = None
+    beam_sigma_deg: Annotated[
+        float,
+        Option(
+            "--beam-sigma",
+            min=0.0,
+            max=1.0,
+            help="Standard deviation of the direction of a beam, for files without covariances [deg].",
+        ),
+    ] = 0.05
+    scan_sigma_m: Annotated[
+        float,
+        Option(
+            "--scan-sigma",
+            min=0.0,
+            help="Standard deviation of the place of a scan, which all its points share, for files that state none [m].",
+        ),
+    ] = 0.0
+    out: Annotated[Path, Option("--out", "-o", help="Folder for surface, picture and facts.")] = Path(
+        "overhangs"
+    )
+    force: Annotated[bool, Option("--force", help="Replace an existing surface.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class RerouteRequest(PictureOptions):
     """Route of a rover that is to be changed around hazards in the points that it has seen."""
 

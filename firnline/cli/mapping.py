@@ -1,10 +1,16 @@
-"""Commands from a recording to a map: ``localize``, ``calibrate``, ``reconstruct``, ``extend``, ``payload`` and ``counts``."""
+"""Commands from a recording to a map: ``localize``, ``calibrate``, ``reconstruct``, ``extend``, ``overhangs``, ``payload`` and ``counts``."""
 
 import typer
 
 from firnline import actions
 from firnline.actions.interface import preview_of
-from firnline.actions.requests import CountsRequest, ExtendRequest, PayloadRequest, ReconstructRequest
+from firnline.actions.requests import (
+    CountsRequest,
+    ExtendRequest,
+    OverhangsRequest,
+    PayloadRequest,
+    ReconstructRequest,
+)
 from firnline.cli.missions import run_stages
 from firnline.cli.outcome import with_exit_codes
 from firnline.cli.request import (
@@ -157,6 +163,29 @@ def extend(
 
 
 @with_exit_codes
+@with_options_of(OverhangsRequest)
+def overhangs(
+    request: OverhangsRequest, dry_run: DryRun = False, as_json: Json = False, quiet: Quiet = False
+) -> None:
+    """Estimate the surface of steep walls, undercuts and serac edges from LiDAR scans, with its standard deviation.
+
+    A map of heights has one height over each place; this surface is a mesh and may have several.
+
+    For example:
+
+      firnline overhangs serac.ply
+
+      firnline overhangs scans/ --crs EPSG:32608 --sigma 0.02 --scan-sigma 0.01 --area serac.gpkg
+
+      firnline overhangs recording --trajectory localization/trajectory.csv --crs EPSG:32608 --area serac.gpkg -o serac
+
+    Written are surface.ply (a mesh with the standard deviation along the normal and the support of each vertex), overhangs.json
+    (areas, errors and sections), and the picture overhangs.png (a map, and vertical sections through the steepest places).
+    """
+    perform(actions.overhangs, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
+
+
+@with_exit_codes
 @with_options_of(PayloadRequest)
 def payload(request: PayloadRequest, dry_run: DryRun = False, quiet: Quiet = False) -> None:
     """Map a quantity that was logged on a drive: a Gaussian process with elevation as covariate.
@@ -191,5 +220,5 @@ def counts(
     perform(actions.count_map, request, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
-COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, extend, payload, counts)}
+COMMANDS = {SurveyStep.MAP: (calibrate, localize, reconstruct, extend, overhangs, payload, counts)}
 """Commands by the step of a survey that they belong to."""

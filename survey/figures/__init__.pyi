@@ -13,6 +13,7 @@ from survey.figures.maps import support_map as support_map
 from survey.figures.maps import survey_map as survey_map
 from survey.figures.maps import terrain_comparison as terrain_comparison
 from survey.figures.maps import width_map as width_map
+from survey.figures.overhangs import overhang_sections as overhang_sections
 from survey.figures.paths import error_over_time as error_over_time
 from survey.figures.paths import executed_route as executed_route
 from survey.figures.paths import path_map as path_map

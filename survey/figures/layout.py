@@ -301,9 +301,11 @@ def arranged(figure: Figure, width_in: float) -> Iterator[None]:
             changes.enter_context(_stacked_panels(figure, width_in))
         else:
             figure.set_figwidth(width_in)
-        # An automatic layout comes to rest after a few drawings.
-        for _ in range(_N_LAYOUTS if not maps else 0):
-            figure.draw_without_rendering()
+        # An automatic layout comes to rest after a few repetitions, of which the drawing is one.
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            for _ in range(_N_LAYOUTS):
+                engine.execute(figure)
         yield
         figure.set_size_inches(*size)
 

@@ -9,10 +9,8 @@ Equal input gives equal bytes.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from survey import figures
 from survey.core import FloatArray, InputError, write_bytes
@@ -24,7 +22,15 @@ from survey.figures.maps import probability_plot, quantity_plot, uncertainty_plo
 from survey.figures.paths import deviation_from_route, error_over_distance
 from survey.reconstruction.terrain_map import Reconstruction
 from survey.reporting.quantities import TableRow, named_values, number, percent, setting
-from survey.reporting.rendering import PNG, Picture, PictureForm, animation_of, picture_of, render
+from survey.reporting.rendering import (
+    PNG,
+    Drawing,
+    Picture,
+    PictureForm,
+    animation_of,
+    pictures_of,
+    render,
+)
 from survey.reporting.survey_results import (
     FleetResults,
     HazardResults,
@@ -129,17 +135,9 @@ def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:
 _OF_EACH_ROVER = ("path", "path_error")
 
 
-class Drawing(NamedTuple):
-    """Figure with its alternative text and caption."""
-
-    figure: Figure
-    alt: str
-    caption: str
-
-
 def draw_pictures(survey: SurveyResults, form: PictureForm = PNG) -> dict[str, Picture]:
     """Draw the pictures of a survey, by their names."""
-    pictures = {name: picture_of(*drawing, form) for name, drawing in _drawings(survey).items()}
+    pictures = pictures_of(_drawings(survey), form)
     if survey.on_board is not None and survey.on_board.video is not None:
         alt = "Images of the drive, one after the other"
         pictures["video"] = animation_of(

@@ -8,7 +8,8 @@ takes the width of a page.
 import base64
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Self
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -126,13 +127,39 @@ PNG = PictureForm()
 """Form of pictures that are not asked for in another one."""
 
 
+class Drawing(NamedTuple):
+    """Figure with its alternative text and caption."""
+
+    figure: Figure
+    alt: str
+    caption: str
+
+
 def picture_of(figure: Figure, alt: str, caption: str, form: PictureForm = PNG) -> Picture:
     """Draw a figure for a page, for phones where it takes the width of a page, and as a file for download."""
-    image = page_image(figure)
+    return _encoder(Drawing(figure, alt, caption), form)()
+
+
+def pictures_of(drawings: Mapping[str, Drawing], form: PictureForm = PNG) -> dict[str, Picture]:
+    """Draw figures one after the other, as `picture_of` does; threads encode those that are drawn."""
+    with ThreadPoolExecutor() as threads:
+        encoding = {name: threads.submit(_encoder(drawing, form)) for name, drawing in drawings.items()}
+        return {name: picture.result() for name, picture in encoding.items()}
+
+
+def _encoder(drawing: Drawing, form: PictureForm) -> Callable[[], Picture]:
+    """Draw a figure, and return the function that encodes it, which lets other threads run."""
+    image = page_image(drawing.figure)
+    narrow = narrow_image(drawing.figure) if is_wide(drawing.figure) else None
     # The file of the usual form holds the pixels of the page.
-    file = _encoded(image, format="png", compress_level=_COMPRESSION) if form == PNG else form.render(figure)
-    narrow = Shown.of(narrow_image(figure)) if is_wide(figure) else None
-    return Picture(file, form.kind, alt, caption, Shown.of(image), narrow)
+    file = None if form == PNG else form.render(drawing.figure)
+
+    def encode() -> Picture:
+        content = _encoded(image, format="png", compress_level=_COMPRESSION) if file is None else file
+        small = None if narrow is None else Shown.of(narrow)
+        return Picture(content, form.kind, drawing.alt, drawing.caption, Shown.of(image), small)
+
+    return encode
 
 
 def animation_of(webp: bytes, alt: str, caption: str) -> Picture:

@@ -12,6 +12,7 @@
 | scans | two LiDAR scans of a few square metres |
 | weather.csv | air temperature along four lines |
 | line.geojson, seen.csv | a swath across a ditch, and the points that a scanner saw there |
+| serac.ply | an ice face that leans over the ground, scanned from two places |
 | gamma.csv | counts of radiation on eight lines |
 | scanned, localized | images and scans along 8 m of a tilted plane, and their localization |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
@@ -76,6 +77,18 @@ def make_scratch(folder: Path) -> None:
     write_drive(folder)
     (folder / "drive").rename(folder / "scanned")
     write_ditch(folder)
+    write_serac(folder / "serac.ply")
+
+
+def write_serac(path: Path) -> None:
+    """Write points of the ground and of a face 3 m high that leans over it by 26.6°, seen from two places."""
+    rng = np.random.default_rng(8)
+    y, t = rng.uniform(0.0, 4.0, 9000), rng.uniform(-3.0, 3.0, 9000)
+    xyz = np.column_stack([np.where(t < 0.0, t, -0.5 * t), y, np.maximum(t, 0.0)])
+    seen = xyz + 0.01 * rng.standard_normal(xyz.shape)
+    origins = np.where(rng.random((9000, 1)) < 0.5, [-6.0, 1.0, 1.5], [-6.0, 3.0, 1.5])
+    corner = np.array([WEST, SOUTH, 800.0])
+    SurfacePoints(seen + corner, sigma_m=0.01, origins=origins + corner, crs=CRS).write(path)
 
 
 def write_ditch(folder: Path) -> None:

@@ -34,7 +34,7 @@ from papers.studies import replacing_study, study
 from sim.mission.runs import json_schema
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.text import round_number
-from tests.docs.scratch import write_ditch
+from tests.docs.scratch import write_ditch, write_serac
 from tests.vision_slam.rendered import chessboard_images
 from tests.vision_slam.tilted_plane import write_drive
 
@@ -115,6 +115,7 @@ def write_inputs(folder: Path) -> None:
     (folder / "gnss.csv").write_text("\n".join(["x_m,y_m,z_m", *rows]) + "\n")
     warm = [f"{x:.2f},{y:.2f},{-4.0 + np.sin(x / 50.0):.4f}" for x, y in xy]
     counted = [f"{x},{y},{3 + (7 * k) % 5},10" for k, (x, y) in enumerate(xy)]
+    write_serac(folder / "serac.ply")
     write_ditch(folder)
     write_drive(folder)
     (folder / "gamma.csv").write_text("\n".join(["easting_m,northing_m,counts,exposure_s", *counted]) + "\n")
@@ -225,6 +226,12 @@ DOORS = {
                 pixel_m=0.5,
                 out=Path("beyond"),
             )
+        ),
+    ),
+    "overhangs": Door(
+        ("serac.ply", "--grid", "0.4", "-o", "serac"),
+        lambda: actions.overhangs(
+            actions.OverhangsRequest(sources=[Path("serac.ply")], step_m=0.4, out=Path("serac"))
         ),
     ),
     "reroute": Door(

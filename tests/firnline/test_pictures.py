@@ -20,7 +20,9 @@ from survey.data.surface_points import SurfacePoints
 from survey.figures import calibration, errors, maps, paths, plans
 from survey.figures.layout import PAPERS_MM, arranged, is_wide
 from survey.figures.style import FULL_IN, picture_bytes
+from survey.reconstruction import FreeSurface
 from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
+from survey.reconstruction.lattice.steep_places import steep_sections
 from survey.reporting.rendering import PictureForm
 from survey.scoring import Change, Checkpoints, CloudDistances, ErrorStatistics, compare, m3c2
 from tests.printing import assert_fonts_embedded, assert_printable
@@ -80,6 +82,19 @@ def _check() -> PredictiveCheck:
     return PredictiveCheck("swaths", 4, scores, scores, (1.0, 5.0), (9.0, 4.0), (0.4, 0.3), (1.0, 1.0))
 
 
+def _overhanging_face() -> Any:
+    """Draw a face 3 m high that leans over by 18°, its ends without support."""
+    north, up = (axis.ravel() for axis in np.meshgrid(np.arange(0.0, 14.1, 0.5), np.arange(0.0, 3.1, 0.5)))
+    nodes = np.column_stack([-up / 3.0, north, up])
+    first = np.arange(len(nodes)).reshape(7, 29)
+    a, b, c, d = (part.ravel() for part in (first[:-1, :-1], first[:-1, 1:], first[1:, 1:], first[1:, :-1]))
+    triangles = np.vstack([np.column_stack([a, c, b]), np.column_stack([a, d, c])])
+    sigma = np.where(up < 1.0, 0.2, 0.02)
+    surface = FreeSurface(nodes, triangles, nodes, sigma, up >= 1.0, 0.5, 0.1, 0.01, (1.0, 1.0))
+    returns = SurfacePoints(nodes, sigma_m=0.02, origins=nodes * 0.0 - [8.0, 0.0, 0.0], crs="EPSG:32608")
+    return drawn.overhang_sections(surface, steep_sections(surface), returns)
+
+
 def _residuals(site: SimpleNamespace) -> Any:
     xyz = site.points.xyz + [0.0, 0.0, 0.1]
     names = tuple(f"Mark {k}" for k in range(24))
@@ -125,6 +140,7 @@ FIGURES: dict[str, Callable[[SimpleNamespace, Any], Any]] = {
         Orthoimage(np.full((1, *s.reconstruction.mean.elevation.shape), 120.0), s.reconstruction.mean.grid()),
         s.trajectory.position[:, :2],
     ),
+    "overhang_sections": lambda *_: _overhanging_face(),
     "error_over_time": lambda s, _: drawn.error_over_time(s.trajectory, s.reference_trajectory),
     "executed_route": lambda s, _: drawn.executed_route(s.route, s.trajectory.position, s.trajectory.position, area=s.area),
     "deviation_from_route": lambda s, _: paths.deviation_from_route(s.route, s.trajectory.position, s.trajectory.position),

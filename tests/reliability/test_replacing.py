@@ -50,6 +50,7 @@ def test_a_command_that_ends_with_an_error_before_the_kill_is_a_fault(server, pl
         trial.kill(0, 100.0)
 
 
+@pytest.mark.long  # shares the outputs that the others replace
 def test_a_companion_may_be_absent_but_not_belong_to_another_output(trial_of):
     trial = trial_of("plan")
     before, new = trial.outputs

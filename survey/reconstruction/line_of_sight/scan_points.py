@@ -336,6 +336,43 @@ def scan_points(
     return _as_points(returns, path, poses, errors, vertical_datum)
 
 
+def every_return(
+    scans: Iterable[SensorScan],
+    path: Trajectory,
+    errors: BeamErrors,
+    *,
+    nearest_m: float = 3.0,
+    farthest_m: float = 80.0,
+) -> Iterator[SurfacePoints]:
+    """Yield the returns of each scan as points, placed by an estimated path; none stands for others, as walls have many in one cell of ground.
+
+    Parameters
+    ----------
+    scans : iterable of SensorScan
+        In the frame of the vehicle whose poses the path holds.
+    path : Trajectory
+        Estimated path; scans that it does not cover are left out.
+    errors : BeamErrors
+        Stated errors of the scanner.
+    nearest_m, farthest_m : float
+        Nearest and farthest return [m].
+
+    Yields
+    ------
+    SurfacePoints
+        Returns of one scan with origins and covariances [m²]; `own_covariance` is without the errors of the path.
+    """
+    poses = PathInterpolator(path)
+    for scan in scans:
+        distance = np.linalg.norm(scan.xyz - scan.sensor, axis=1)
+        usable = (distance >= nearest_m) & (distance <= farthest_m)
+        if not usable.any() or not poses.covers(scan.time_s[usable]):
+            continue
+        placed = _in_world(SensorScan(scan.time_s[usable], scan.xyz[usable], scan.sensor), poses)
+        if len(placed.time_s):
+            yield _as_points(placed, path, poses, errors, "")
+
+
 def _as_points(
     returns: RegisteredReturns,
     path: Trajectory,

@@ -25,6 +25,7 @@ RUNS = {
     "init": "other.toml --dem srtm.tif",
     "localize": "images --frame-rate 10 --camera camera/camera.toml -o localization",
     "montecarlo": "study.toml",
+    "overhangs": "serac.ply -o serac",
     "payload": "air.csv --name air --unit degC --terrain lidar.tif",
     "plan": "site.kml --prior srtm.tif -o plan.pdf",
     "plan mission": "mission.toml",

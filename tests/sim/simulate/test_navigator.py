@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 
+import numba
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sim.config.mission import MissionConfig
-from sim.simulate.navigator import OnboardComputer, Start, Subprocess, navigating
+from sim.simulate.navigator import OnboardComputer, Start, Subprocess, drive_over_texture, navigating
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated
@@ -21,6 +22,7 @@ from survey.data.recording import Readings, Recording
 from survey.data.sensors.records import Inertial
 from tests.sim.simulate.test_vision import ground, route
 from vision_slam import LocalizationConfig
+from vision_slam.odometry import global_adjustment, resection, window
 from vision_slam.odometry.onboard import read_visual_odometry
 from vision_slam.odometry.visual_odometry import visual_odometry
 
@@ -91,6 +93,32 @@ def test_what_was_seen_on_board_agrees_with_the_recording(drives):
     assert on_board.health == afterwards.health
     np.testing.assert_array_equal(on_board.is_lost, afterwards.is_lost)
     assert sum(frame.is_visual for frame in on_board.health) > 20
+
+
+def test_the_drive_over_texture_compiles_every_loop_that_a_real_drive_runs(drives, monkeypatch):
+    entries = {
+        window: ["adjusted"],
+        resection: ["_resected"],
+        global_adjustment: ["seen_from_anchors", "add_observations", "eliminate_points", "add_scores"],
+    }
+    called = set()
+
+    def noted(name, loop):
+        def run(*arguments):
+            called.add((name, tuple(numba.typeof(argument) for argument in arguments)))
+            return loop(*arguments)
+
+        return run
+
+    for module, names in entries.items():
+        for name in names:
+            monkeypatch.setattr(module, name, noted(name, getattr(module, name)))
+    found = drive_over_texture()
+    np.testing.assert_allclose(found.odometry.step, np.tile([0.25, 0.0, 0.0], (3, 1)), atol=2e-3)
+    by_texture = called.copy()
+    called.clear()
+    visual_odometry(Recording.read(drives[0][1] / "recording"))
+    assert called == by_texture
 
 
 def test_what_images_do_not_tell_the_filter_hears_from_the_gyro_and_of_how_unsure_a_bridged_step_is():
