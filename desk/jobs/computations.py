@@ -50,8 +50,8 @@ def guaranteed(planner: LivePlanner, document: PlanDocument, name: str, job: Job
 
 def _sentence(made: Guarantee) -> str:
     if not made.holds:
-        text = refusal_text(made)
-        return text[0].upper() + text[1:]
+        text, options = refusal_text(made), "; ".join(map(str, made.options))
+        return f"{text[0].upper()}{text[1:]} Predicted are {options}."
     required = made.requirement
     return (
         f"{made.config.swaths} swaths of the {made.config.pattern} pattern, {length_text(made.length_m)} to drive: an RMSE "

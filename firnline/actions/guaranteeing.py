@@ -57,18 +57,21 @@ def prior_of(request: PlanRequest) -> "tuple[survey.SurveyArea, survey.Dem]":
 def found_guarantee(
     area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement", progress: Progress
 ) -> "Guarantee":
-    """Return the guarantee; refuse with one sentence where it does not hold."""
+    """Return the guarantee; refuse where it does not hold, with what can be reached as notes of the exception."""
     from planners.guarantee.guarantee import guarantee
 
     progress("fitting the terrain's covariance", 0, 1)
     made = guarantee(area, prior, requirement, progress=progress)
     if not made.holds:
-        raise NotMetError(refusal_text(made))
+        refusal = NotMetError(refusal_text(made))
+        for line in reachable_lines(made):
+            refusal.add_note(line)
+        raise refusal
     return made
 
 
 def refusal_text(made: "Guarantee") -> str:
-    """Return why a guarantee does not hold, and what can be reached, in one sentence."""
+    """Return why a guarantee does not hold, and what can be done, in one sentence."""
     from planners.guarantee.survey_lines import LONGEST_M
     from survey.scoring.standards.map_classes import edition_2_class
 
@@ -90,17 +93,23 @@ def refusal_text(made: "Guarantee") -> str:
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths{longest}; with that probability they reach {made.reachable_m:.3g} m, "
-        f"the {edition_2_class(made.reachable_m)} by ASPRS Edition 2 ({made.assumptions});{reason}{_way_out(made)}"
+        f"the {edition_2_class(made.reachable_m)} by ASPRS Edition 2;{reason}--swaths {made.config.swaths} --pattern "
+        f"{made.config.pattern} instead of --require plans the densest, and --adaptive learns how rough the ground is from its first "
+        "swaths."
     )
 
 
-def _way_out(made: "Guarantee") -> str:
-    """Return what other numbers of swaths reach, and how the best of them is planned."""
-    options = "; ".join(str(one) for one in made.options)
-    return (
-        f"predicted are {options}; the level of the densest's map errs by {_level_of(made)}; --swaths {made.config.swaths} --pattern {made.config.pattern} instead of --require plans the "
-        "densest, and --adaptive learns how rough the ground is from its first swaths."
-    )
+def reachable_lines(made: "Guarantee") -> list[str]:
+    """Return what a refused guarantee assumes, what numbers of swaths are predicted to reach, and the level of the densest's map."""
+    return [
+        fact_line("assumed", made.assumptions),
+        *_option_lines(made),
+        fact_line("level of the map", _level_of(made)),
+    ]
+
+
+def _option_lines(made: "Guarantee") -> list[str]:
+    return [fact_line("predicted are" if k == 0 else "", str(one)) for k, one in enumerate(made.options)]
 
 
 def _level_of(made: "Guarantee") -> str:
@@ -192,10 +201,7 @@ class GuaranteedPlan(PlanResult):
             f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
             f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
         )
-        options = [
-            fact_line("predicted are" if k == 0 else "", str(one)) for k, one in enumerate(made.options)
-        ]
-        return [first, *(fact_line(name, text) for name, text in facts.items()), *options]
+        return [first, *(fact_line(name, text) for name, text in facts.items()), *_option_lines(made)]
 
 
 def plan_guaranteed(request: PlanRequest, progress: Progress = no_progress) -> GuaranteedPlan:

@@ -120,7 +120,10 @@ def _sentence(error: BaseException) -> str | None:
 
 
 def _leave(sentence: str, code: int, error: BaseException) -> NoReturn:
+    """Print a sentence, and below it the notes of its exception."""
     typer.echo(f"firnline: {sentence}", err=True)
+    for note in getattr(error, "__notes__", ()):
+        typer.echo(note, err=True)
     raise typer.Exit(code) from error
 
 

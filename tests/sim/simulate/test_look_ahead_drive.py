@@ -7,7 +7,7 @@ from sim.config.sensors import LidarConfig
 from sim.simulate.look_ahead_drive import LethalGround, PoseErrors, drive_with_look_ahead
 from survey import Dem, Grid, Leg, Route, SurveyArea
 
-LIDAR = LidarConfig(beams=32, columns=360, elevation_deg=(-35.0, 3.0), range_m=20.0)
+LIDAR = LidarConfig(beams=24, columns=240, elevation_deg=(-35.0, 3.0), range_m=20.0)
 
 
 def test_a_crevasse_across_a_swath_is_driven_around() -> None:
