@@ -57,7 +57,12 @@ def overhang_sections(
         ends = np.stack([one.start, one.end]) - datum
         axes.plot(*ends.T, color=INK, linewidth=1.0, zorder=5)
         axes.annotate(
-            _LETTERS[row], ends[0], fontweight="bold", zorder=6, xytext=(2, 2), textcoords="offset points"
+            _LETTERS[row],
+            ends.mean(axis=0),  # the steep place; the ends may lie beyond the map
+            fontweight="bold",
+            zorder=6,
+            xytext=(2, 2),
+            textcoords="offset points",
         )
         panel = figure.add_subplot(grid[row, 1])
         _draw_section(panel, one, one.beside(returns.xyz, 0.5 * surface.step_m))
