@@ -46,7 +46,9 @@ nb_execution_mode = "force"
 # What takes longest is shown as it stands where `make docs NOTEBOOKS=short` asks for it.
 is_short = os.environ.get("NOTEBOOKS") == "short"
 LONG_FIGURES = ("lidar_survey", "scenes", "surfaces")
-nb_execution_excludepatterns = [f"tutorials/{name}.ipynb" for name in examples.LONG_TUTORIALS] if is_short else []
+nb_execution_excludepatterns = (
+    [f"tutorials/{name}.ipynb" for name in examples.LONG_TUTORIALS] if is_short else []
+)
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 900
