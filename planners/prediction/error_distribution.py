@@ -353,7 +353,8 @@ class _Errors(NamedTuple):
         n = len(self.samples)
         own, shared = weights[:n], weights[n:]
         variance: FloatArray = self.samples @ np.square(own)
-        return variance + np.einsum("ij,ij->j", shared, self.cells @ shared)
+        variance += np.einsum("ij,ij->j", shared, self.cells @ shared)
+        return variance
 
 
 class _Left(NamedTuple):

@@ -51,7 +51,7 @@ def test_a_missing_file_is_refused_in_the_words_of_its_reader(
 ) -> None:
     monkeypatch.chdir(place)
     early = CliRunner().invoke(app, command.split())
-    monkeypatch.setattr("firnline.cli.request.require_inputs", lambda request: None)
+    monkeypatch.setattr("firnline.cli.request.require_inputs", lambda _: None)
     late = CliRunner().invoke(app, command.split())
     assert early.exit_code == late.exit_code == 3
     assert early.output == late.output

@@ -1,6 +1,7 @@
 """``firnline plan --require``: guarantees, refusals, and a survey planned swath by swath."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
