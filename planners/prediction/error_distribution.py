@@ -353,8 +353,7 @@ class _Errors(NamedTuple):
         n = len(self.samples)
         own, shared = weights[:n], weights[n:]
         variance: FloatArray = self.samples @ np.square(own)
-        variance += np.einsum("ij,ij->j", shared, self.cells @ shared)
-        return variance
+        return variance + np.einsum("ij,ij->j", shared, self.cells @ shared)  # type: ignore[no-any-return]
 
 
 class _Left(NamedTuple):
