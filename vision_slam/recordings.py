@@ -84,7 +84,7 @@ def open_recording(
     """
     place = Path(source)
     if not place.exists():
-        raise InputError(f"the recording {place} does not exist; check the path.")
+        raise InputError(f"{place} does not exist; check the path.")
     if (place / "recording.json").is_file():
         own = (antenna_m, scale_from_m)
         if camera or topics or gps or crs or frame_rate_hz or any(value is not None for value in own):

@@ -27,7 +27,6 @@ COMMANDS = (
     "change none.tif lidar.tif",
     "change lidar.tif none.tif",
     "change 2026.tif 2024.tif --outline none.gpkg",
-    "localize none.bag",
     "run none.toml",
     "simulate none.toml",
     "rehearse none.toml",
