@@ -63,24 +63,32 @@ results: $(VENV)/.ready
 
 check: lint types imports test test-long test-walkthroughs
 
-# Builds the pages with all notebooks and figures; open docs/_build/html/index.html. No network is used once the packages are there.
+# Builds the pages with all figures and notebooks (NOTEBOOKS=short: without running the longest of them); open
+# docs/_build/html/index.html. No network is used once the packages are there.
 docs: $(VENV)/.docs
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 NOTEBOOKS=$(NOTEBOOKS) $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 	$(BIN)/python -m docs.check_links docs/_build/html
 
-# Modules are compiled where they are first imported: a quarter of those of the packages ever are.
-install = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable
+# uv installs in seconds what takes pip two minutes; where it cannot, or finds no package index, pip does the work. It is given
+# the index of pip's settings, which it does not read. Modules are compiled where they are first imported: a quarter ever are.
+packages = --constraint constraints.txt --editable
+pip = $(BIN)/python -m pip --quiet --disable-pip-version-check
+index = $$($(pip) config list | sed -n "s/^.*\.index-url='\(.*\)'$$/\1/p" | tail -n 1)
+install = { $(pip) install --constraint constraints.txt uv && \
+	index=$(index) && env $${index:+UV_DEFAULT_INDEX="$$index"} $(BIN)/uv pip install --quiet --python $(BIN)/python $(packages) '$(PACKAGES)'; } || \
+	$(pip) install --no-compile $(packages) '$(PACKAGES)'
 
 # Rebuilt when the requirements change; an incomplete one has no .ready or .demo and is rebuilt.
 $(VENV)/.demo: PACKAGES := .
 $(VENV)/.ready: PACKAGES := .[dev]
 $(VENV)/.demo $(VENV)/.ready: pyproject.toml constraints.txt
-	@echo "Installing packages into $(VENV), once: one to three minutes."
+	@echo "Installing packages into $(VENV), once: half a minute, or up to three."
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("firnline needs Python 3.11 or newer; set PYTHON=...")'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(install) '$(PACKAGES)'
+	@$(install)
 	touch $@
 
+$(VENV)/.docs: PACKAGES := .[dev,docs]
 $(VENV)/.docs: $(VENV)/.ready
-	$(install) '.[dev,docs]'
+	@$(install)
 	touch $@

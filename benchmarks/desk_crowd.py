@@ -84,12 +84,15 @@ def others_wait_s(address: str, log: Path, n: int) -> tuple[float, list[str]]:
 
     origin = address.split("/?", maxsplit=1)[0]
     host, port = origin.removeprefix("http://").split(":")
-    log.touch()
     with (
         httpx.Client(timeout=120.0, limits=httpx.Limits(max_connections=None)) as client,
         ExitStack() as held,
     ):
         client.get(address).raise_for_status()
+        client.get(
+            f"{origin}/api/site"
+        ).raise_for_status()  # the folder of the plan is there once it is opened
+        log.touch()
         job = client.post(f"{origin}/api/jobs", json={"kind": "watch"}, headers={"origin": origin}).json()[
             "job"
         ]

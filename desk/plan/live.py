@@ -2,6 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from functools import cache
 from pathlib import Path
 from threading import Lock
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -183,6 +184,8 @@ class LivePlanner:
             return area_plan(config, area, prior, model)
 
 
+@cache
+@cache
 def plan_once() -> None:
     """Plan two small areas, one with a corner cut out, so that compiled code is loaded before the first plan."""
     cut_out = ((0.0, 0.0), (90.0, 0.0), (90.0, 60.0), (50.0, 60.0), (50.0, 90.0), (0.0, 90.0))

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+LONG_TUTORIALS = ("drive_by_commands", "drive_to_map", "how_many_swaths", "simulate_first")
+"""Tutorials of half a minute and more."""
 
 
 def notebooks() -> dict[str, str]:

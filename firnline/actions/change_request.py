@@ -114,15 +114,20 @@ class ChangeRequest(PictureOptions, CloudOptions):
     later: Annotated[
         Path,
         Argument(
-            help="Later survey: raster, folder of a reconstruction, terrain model (.npz), or with --method m3c2 a point cloud."
+            help="Later survey: raster, folder of a reconstruction, terrain model (.npz), or with --method m3c2 a point cloud.",
+            reads={".tif": "the raster"},
         ),
     ]
-    earlier: Annotated[Path, Argument(help="Earlier survey, any elevation raster, or point cloud.")]
+    earlier: Annotated[
+        Path,
+        Argument(help="Earlier survey, any elevation raster, or point cloud.", reads={".tif": "the raster"}),
+    ]
     outline: Annotated[
         Path | None,
         Option(
             "--outline",
             help="Polygons over which to compute change, such as glaciers of an inventory; without, the difference alone.",
+            reads="the outline file",
         ),
     ] = None
     select: Select = field(default_factory=list)

@@ -14,10 +14,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, get_type_hints
 
 import survey
 from survey.core import ConfigError, FirnlineError, InputError, duration_text, length_text
+from survey.core.files import existing_file
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -54,13 +55,19 @@ def place_of(text: str, option: str) -> "FloatArray":
 class Parameter:
     """Spellings, help and limits of a field of a request.
 
-    `names`: spellings on the command line, such as ``--prior``. `settings`: ``help``, ``metavar``, ``min``
-    and ``max``.
+    `names`: spellings on the command line, such as ``--prior``. `reads`: what the file that it names is called where it does
+    not exist, such as "the raster", or that for files with a suffix; empty for what is no such file. `settings`: ``help``,
+    ``metavar``, ``min`` and ``max``.
     """
 
-    def __init__(self, *names: str, **settings: Any) -> None:
+    def __init__(self, *names: str, reads: str | Mapping[str, str] = "", **settings: Any) -> None:
         self.names = names
+        self.reads = reads
         self.settings = settings
+
+    def kind_of(self, file: Path) -> str:
+        """Return what a file that the field names is called; empty where nothing is known of it."""
+        return self.reads if isinstance(self.reads, str) else self.reads.get(file.suffix.lower(), "")
 
     @property
     def help(self) -> str:
@@ -74,6 +81,18 @@ class Argument(Parameter):
 
 class Option(Parameter):
     """Field that is given by its name on the command line."""
+
+
+def require_inputs(request: Any) -> None:
+    """Refuse a request that names a file which does not exist, as its reader would, before anything is loaded to read it."""
+    for name, hint in get_type_hints(type(request), include_extras=True).items():
+        marks = [mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Parameter)]
+        value = getattr(request, name)
+        named = value if isinstance(value, list) else [value]
+        for file in (one for one in named if marks and isinstance(one, Path)):
+            kind = marks[0].kind_of(file)
+            if kind and not os.path.exists(file):  # noqa: PTH110  # never raises, unlike that of pathlib
+                existing_file(file, kind)
 
 
 class NotMetError(FirnlineError):

@@ -40,11 +40,17 @@ class LocalizeRequest(PictureOptions):
         Path,
         Argument(
             help="Recording, ROS bag, folder in KITTI, TUM, EuRoC layout or of images with times, log of an autopilot "
-            "(ArduPilot .bin .tlog, PX4 .ulg) or of a receiver (.ubx, NMEA, .gpx, .pos, GrafNav, .csv)."
+            "(ArduPilot .bin .tlog, PX4 .ulg) or of a receiver (.ubx, NMEA, .gpx, .pos, GrafNav, .csv).",
+            reads="the recording",
         ),
     ]
     camera: Annotated[
-        Path | None, Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+        Path | None,
+        Option(
+            "--camera",
+            help="Calibration (camera.toml), instead of the layout's own.",
+            reads="the calibration",
+        ),
     ] = None
     topics: Annotated[
         list[str], Option("--topic", help="Topic of a bag, where it has several of a kind.")

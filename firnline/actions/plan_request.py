@@ -56,9 +56,16 @@ class PlanRequest(RunOptions, PictureOptions):
     """What is to be planned, and where the plan is written; None stands for an option that was not given."""
 
     source: Annotated[
-        Path, Argument(help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).")
+        Path,
+        Argument(
+            help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).",
+            reads={".toml": "the configuration"}
+            | dict.fromkeys((".geojson", ".gpkg", ".kml", ".kmz", ".shp"), "the area file"),
+        ),
     ]
-    prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster of the area.")] = None
+    prior: Annotated[
+        Path | None, Option("--prior", help="Coarse elevation raster of the area.", reads="the raster")
+    ] = None
     select: Select = field(default_factory=list)
     above: Above = None
     below: Below = None

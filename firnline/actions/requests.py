@@ -202,10 +202,14 @@ class ReconstructRequest(RunOptions, PictureOptions):
         Argument(
             help="Points (text tables, vector files, LAS/LAZ, PLY), logs of receivers (.ubx, NMEA, .gpx, .pos, GrafNav, .ulg, .tlog), a mission file (TOML), LiDAR scans and folders of them "
             "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
-            "KITTI, ROS 2) with --trajectory for all methods."
+            "KITTI, ROS 2) with --trajectory for all methods.",
+            reads={".toml": "the configuration"}
+            | dict.fromkeys((".csv", ".tsv", ".txt", ".xyz"), "the point file"),
         ),
     ]
-    prior: Annotated[Path | None, Option("--prior", help="Coarse elevation raster to build around.")] = None
+    prior: Annotated[
+        Path | None, Option("--prior", help="Coarse elevation raster to build around.", reads="the raster")
+    ] = None
     product: Product = None
     step_m: Annotated[
         float | None,
@@ -360,7 +364,8 @@ class CountsRequest(PictureOptions):
     counts: Annotated[
         Path,
         Argument(
-            help="CSV with easting_m, northing_m, counts and exposure_s, and with wind_east_m_s and wind_north_m_s for a plume."
+            help="CSV with easting_m, northing_m, counts and exposure_s, and with wind_east_m_s and wind_north_m_s for a plume.",
+            reads="the counts",
         ),
     ]
     crs: Annotated[str, Option("--crs", help="CRS of the places, e.g. EPSG:32608.")]
@@ -488,12 +493,16 @@ class RerouteRequest(PictureOptions):
     """Route of a rover that is to be changed around hazards in the points that it has seen."""
 
     route: Annotated[
-        Path, Argument(help="Route of one rover: GeoJSON, GeoPackage, KML or another format of plan.")
+        Path,
+        Argument(
+            help="Route of one rover: GeoJSON, GeoPackage, KML or another format of plan.", reads="the route"
+        ),
     ]
     points: Annotated[
         Path,
         Argument(
-            help="Points of the last scans (LAS, LAZ, PLY, CSV); the columns origin_x_m, origin_y_m and origin_z_m say where the scanner stood."
+            help="Points of the last scans (LAS, LAZ, PLY, CSV); the columns origin_x_m, origin_y_m and origin_z_m say where the scanner stood.",
+            reads="the point file",
         ),
     ]
     at: Annotated[
@@ -556,7 +565,7 @@ class RerouteRequest(PictureOptions):
 class RunRequest(RunOptions):
     """Mission to run, or to continue where it was stopped."""
 
-    mission: Annotated[Path, Argument(help="Mission file (TOML).")]
+    mission: Annotated[Path, Argument(help="Mission file (TOML).", reads="the configuration")]
     first: Annotated[
         str | None, Option("--from", metavar="STAGE", help="Repeat this stage and all later ones.")
     ] = None
@@ -572,7 +581,7 @@ class RunRequest(RunOptions):
 class SimulateRequest(RunOptions):
     """Mission to plan and drive."""
 
-    mission: Annotated[Path, Argument(help="Mission file (TOML).")]
+    mission: Annotated[Path, Argument(help="Mission file (TOML).", reads="the configuration")]
     workers: Workers = None
     serve: Annotated[
         bool,
@@ -597,7 +606,9 @@ class SimulateRequest(RunOptions):
 class ReportRequest(RunOptions):
     """Run whose report is to be drawn."""
 
-    source: Annotated[Path, Argument(help="A run folder, or a mission file (TOML).")]
+    source: Annotated[
+        Path, Argument(help="A run folder, or a mission file (TOML).", reads={".toml": "the configuration"})
+    ]
     pictures: Annotated[
         PictureKind | None,
         Option("--pictures", help="Format of the figures beside the page.  [default: png; pdf with --paper]"),
@@ -646,7 +657,7 @@ class InitRequest:
 class MonteCarloRequest(ExecutionOptions):
     """Study of many random terrains."""
 
-    study: Annotated[Path, Argument(help="Study file (TOML).")]
+    study: Annotated[Path, Argument(help="Study file (TOML).", reads="the configuration")]
     runs: Annotated[Path, Option("--runs", help="Folder that holds all studies.")] = Path(
         "results/montecarlo"
     )
@@ -659,6 +670,6 @@ class MonteCarloRequest(ExecutionOptions):
 class RehearseRequest(RunOptions, ExecutionOptions):
     """Mission to run many times."""
 
-    mission: Annotated[Path, Argument(help="Mission file (TOML).")]
+    mission: Annotated[Path, Argument(help="Mission file (TOML).", reads="the configuration")]
     n_runs: Annotated[int, Option("--count", "-n", min=1, help="Number of runs.")] = 50
     pictures: Pictures = "png"

@@ -38,15 +38,21 @@ class ScoreRequest(RunOptions):
     source: Annotated[
         Path,
         Argument(
-            help="Map (raster; a second band is the standard deviation unless named otherwise) or mission file (TOML)."
+            help="Map (raster; a second band is the standard deviation unless named otherwise) or mission file (TOML).",
+            reads={".toml": "the configuration", ".tif": "the raster"},
         ),
     ]
     truth: Annotated[
-        Path | None, Option("--truth", help="Reference raster, finer and more accurate than the map.")
+        Path | None,
+        Option("--truth", help="Reference raster, finer and more accurate than the map.", reads="the raster"),
     ] = None
     checkpoints: Annotated[
         Path | None,
-        Option("--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."),
+        Option(
+            "--checkpoints",
+            help="Independent points (CSV, GeoPackage, GPX …), better than the map.",
+            reads="the checkpoint file",
+        ),
     ] = None
     standards: Annotated[
         list[str],
@@ -83,11 +89,14 @@ class ScoreRequest(RunOptions):
     control: Annotated[
         Path | None, Option("--control", help="Points that the map was made from; no checkpoint may be one.")
     ] = None
-    area: Annotated[Path | None, Option("--area", help="Judge only inside this polygon.")] = None
+    area: Annotated[
+        Path | None, Option("--area", help="Judge only inside this polygon.", reads="the area file")
+    ] = None
     select: Select = field(default_factory=list)
-    route: Annotated[Path | None, Option("--route", help="Route that was driven, for coverage, α and β.")] = (
-        None
-    )
+    route: Annotated[
+        Path | None,
+        Option("--route", help="Route that was driven, for coverage, α and β.", reads="the route"),
+    ] = None
     crs: Annotated[
         str | None,
         Option("--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."),

@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 
-from firnline.actions.interface import Argument, Option, Result, preview_of
+from firnline.actions.interface import Argument, Option, Result, preview_of, require_inputs
 from firnline.cli.outcome import NOT_MET
 
 Request = TypeVar("Request")
@@ -88,6 +88,7 @@ def with_options_of(request: type[Request]) -> Callable[[Callable[..., None]], C
                 from survey.core.lengths import named_units, show_feet
 
                 show_feet(named_units(units))
+            require_inputs(made)
             command(made, **own)
 
         vars(called)["__signature__"] = Signature(parameters)

@@ -239,18 +239,21 @@ class Correlogram:
         steps = np.arange(int(np.ceil(self.reach_m / self._step_m)) + 2, dtype=np.float64)
         return self.cell.correlation(np.square(self._step_m * steps))
 
+    @cached_property
+    def _slopes(self) -> FloatArray:
+        return np.diff(self._table)
+
     def between(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return the correlation (A, B) of places (A, 2) with places (B, 2) [m]."""
         share = cdist(a, b)
         share *= 1.0 / self._step_m
-        step = np.minimum(share.astype(np.int32), len(self._table) - 2)
+        step = share.astype(np.intp)
+        np.minimum(step, len(self._slopes) - 1, out=step)
         share -= step
         np.minimum(share, 1.0, out=share)
-        read: FloatArray = (1.0 - share) * self._table.take(step)
-        step += 1
-        share *= self._table.take(step)
-        read += share
-        return read
+        share *= self._slopes.take(step)
+        share += self._table.take(step)
+        return share
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +330,30 @@ class _Seen(NamedTuple):
 
     among: FloatArray
     across: FloatArray
+
+
+class _Errors(NamedTuple):
+    """Covariance of the errors of samples and cells, over the variance of the terrain.
+
+    ``samples`` (N,): its diagonal, for samples have errors of their own. ``cells`` (C, C): its block of cells.
+    """
+
+    samples: FloatArray
+    cells: FloatArray
+
+    def added_to(self, covariance: FloatArray) -> FloatArray:
+        """Return the sum with a covariance (N + C, N + C)."""
+        total, n = covariance.copy(), len(self.samples)
+        total[np.arange(n), np.arange(n)] += self.samples
+        total[n:, n:] += self.cells
+        return total
+
+    def variance_under(self, weights: FloatArray) -> FloatArray:
+        """Return the variance (M,) of weighted sums of the errors, for weights (N + C, M)."""
+        n = len(self.samples)
+        own, shared = weights[:n], weights[n:]
+        variance: FloatArray = self.samples @ np.square(own)
+        return variance + np.einsum("ij,ij->j", shared, self.cells @ shared)  # type: ignore[no-any-return]
 
 
 class _Left(NamedTuple):
@@ -425,12 +452,13 @@ class MapPredictor:
         everywhere = np.arange(len(self.nodes))
         cells = None if self.cells is None else self.cells.spread(_MOST_CELLS)
         group = _Group(everywhere, xy, own_m2, cells)
-        seen, errors = self._seen(group, one, self.nodes), self._errors(one, group)
-        added = np.zeros_like(errors)
-        added[: len(xy), : len(xy)] = shared_m2 / one.variance_m2
+        seen = self._seen(group, one, self.nodes)
+        own = self._errors(one, group).added_to(seen.among)
+        both = own.copy()
+        both[: len(xy), : len(xy)] += shared_m2 / one.variance_m2
         part = np.zeros((len(everywhere), len(everywhere)))
-        for sign, total in ((1.0, errors + added), (-1.0, errors)):
-            solved = lapack.dpotrf((seen.among + total).T, lower=1, overwrite_a=1, clean=1)[0]
+        for sign, total in ((1.0, both), (-1.0, own)):
+            solved = lapack.dpotrf(total.T, lower=1, overwrite_a=1, clean=0)[0]
             half = lapack.dtrtrs(solved, np.column_stack([np.ones(len(solved)), seen.across]), lower=1)[0]
             ones, explained = half[:, 0], half[:, 1:]
             gap = 1.0 - ones @ explained
@@ -498,14 +526,17 @@ class MapPredictor:
         """Return the correlations of a group's samples and cells."""
         xy, nodes = group.xy, at[group.places]
         between = self._between(one)
-        among, across = between(xy, xy), between(xy, nodes)
         if group.cells is None:
-            return _Seen(among, across)
+            return _Seen(between(xy, xy), between(xy, nodes))
         cells, cell = group.cells.centre, one.cell._replace(ratio=0.0)
         mean, means = (_mean_correlogram(cell, self._reach_m, group.cells.cell_m, n) for n in (1, 2))
-        with_xy = mean.between(cells, xy)
-        every = np.block([[among, with_xy.T], [with_xy, means.between(cells, cells)]])
-        return _Seen(every, np.vstack([across, mean.between(cells, nodes)]))
+        n, n_all = len(xy), len(xy) + len(cells)
+        among, across = np.empty((n_all, n_all)), np.empty((n_all, len(nodes)))
+        among[:n, :n], among[n:, n:] = between(xy, xy), means.between(cells, cells)
+        among[n:, :n] = mean.between(cells, xy)
+        among[:n, n:] = among[n:, :n].T
+        across[:n], across[n:] = between(xy, nodes), mean.between(cells, nodes)
+        return _Seen(among, across)
 
     def _between(self, one: WeightedKernel) -> Callable[[FloatArray, FloatArray], FloatArray]:
         """Return the function that gives the correlation (A, B) of places (A, 2) with places (B, 2)."""
@@ -520,7 +551,7 @@ class MapPredictor:
         """Return what is left at a group's places under one covariance."""
         scale_m2, n_places = self.inflation**2 * one.variance_m2, len(group.places)
         errors = self._errors(one, group)
-        factor, failed = lapack.dpotrf((seen.among + errors).T, lower=1, overwrite_a=1, clean=1)
+        factor, failed = lapack.dpotrf(errors.added_to(seen.among).T, lower=1, overwrite_a=1, clean=0)
         if failed:
             every = np.full(n_places, one.variance_m2)
             return _Left(every, np.zeros(n_places), n_places**2 * one.variance_m2**2)
@@ -531,7 +562,7 @@ class MapPredictor:
         if only_variance:
             return _Left(scale_m2 * left + one.unseen_m2, np.zeros(n_places), 0.0)
         weights = lapack.dtrtrs(factor, explained + np.outer(ones, gap), lower=1, trans=1)[0]
-        noise = np.einsum("ij,ij->j", weights, errors @ weights)
+        noise = errors.variance_under(weights)
         n = min(n_places, _N_IN_COMMON)
         places, some, gap = at[group.places[:n]], explained[:, :n], gap[:n]
         common = self._between(one)(places, places) - some.T @ some + np.outer(gap, gap) * (ones @ ones)
@@ -540,16 +571,11 @@ class MapPredictor:
         squared = float(np.square(common).sum()) * (n_places / n) ** 2
         return _Left(scale_m2 * left + one.unseen_m2, scale_m2 * noise + one.unseen_m2, squared)
 
-    def _errors(self, one: WeightedKernel, group: _Group) -> FloatArray:
+    def _errors(self, one: WeightedKernel, group: _Group) -> _Errors:
         """Return the covariance of the errors of a group's samples and cells, over the variance of the terrain."""
         ratio = np.maximum((one.noise_m**2 + group.own_m2) / one.variance_m2, _LEAST_RATIO)
-        n = len(group.xy)
-        n_cells = 0 if group.cells is None else len(group.cells)
-        errors = np.zeros((n + n_cells, n + n_cells))
-        errors[np.arange(n), np.arange(n)] = ratio
-        if group.cells is not None:
-            errors[n:, n:] = group.cells.covariance / one.variance_m2
-        return errors
+        cells = np.empty((0, 0)) if group.cells is None else group.cells.covariance / one.variance_m2
+        return _Errors(np.broadcast_to(ratio, len(group.xy)), cells)
 
 
 @lru_cache(maxsize=32)

@@ -7,10 +7,11 @@ guarantee uses this one prediction. `predict_error` is the function for one rout
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Self
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from planners.capacity import require_error_nodes
 from planners.config import settings_factor
@@ -257,7 +258,7 @@ class ErrorModel:
         """
         xy, posterior = self._samples(route, most_samples)
         # Matrices of some hundred rows: spinning threads would only slow them down.
-        with threadpool_limits(1):
+        with _libraries().limit(limits=1):
             return self.predictor.distribution(xy, posterior)
 
     @property
@@ -300,7 +301,7 @@ class ErrorModel:
             Variance [m²].
         """
         posterior = self.posterior.with_noise_times(noise_factor)
-        with threadpool_limits(1):
+        with _libraries().limit(limits=1):
             if at is None:
                 return self.predictor.variance(xy, posterior)
             blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
@@ -362,9 +363,15 @@ def model_in_grid(area: SurveyArea, prior: Dem, errors: MapAssumptions) -> Error
     """Return the model of terrain that a prior shows coarsely, for assumptions whose lengths are grid metres."""
     cells = PriorCells.of(prior, area, errors.prior_sigma_m)
     predictor = MapPredictor(area, errors.sample_step_m, FITTED_KERNEL_INFLATION, cells)
-    with threadpool_limits(1):
+    with _libraries().limit(limits=1):
         posterior = posterior_in_grid(area, prior, errors)
     return ErrorModel(area, _grid(area, None), posterior, errors, predictor)
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return the libraries that have threads, found once: the search takes as long as a small prediction."""
+    return ThreadpoolController()
 
 
 def _grid(area: SurveyArea, cell_m: float | None) -> Grid:

@@ -15,6 +15,10 @@ from desk.plan.document import PlanDocument
 from desk.server.gate import Gate
 from desk.server.serve import Opened, Opening, _listener, _load_planners, desk_app, server_config
 from desk.workspace import Workspace
+from planners.planning import prior_model
+from planners.prediction.assumptions import MapAssumptions
+from planners.prediction.error_model import ErrorModel
+from survey import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 
@@ -37,6 +41,22 @@ def hills() -> Dem:
     heights = 800.0 + 20.0 * np.sin(x / 140.0) + 15.0 * np.cos(y / 110.0 + x / 300.0)
     heights[:2, :2] = np.nan
     return Dem.on(grid, heights)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def models_once() -> Iterator[None]:
+    """Fit the covariance of an outline once for all desks: that of equal outlines over equal elevations is equal."""
+    fitted: dict[tuple[object, ...], ErrorModel | None] = {}
+
+    def model_once(prior: Dem, area: SurveyArea, assumed: MapAssumptions | None = None) -> ErrorModel | None:
+        key = (prior.bounds, prior.elevation.tobytes(), area.free.wkb, area.crs, assumed)
+        if key not in fitted:
+            fitted[key] = prior_model(prior, area, assumed)
+        return fitted[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planners.prior_model", model_once)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ import nbformat
 import pytest
 from matplotlib import pyplot as plt
 
+from docs.generate.examples import LONG_TUTORIALS
 from tests.docs.console import Shell
 from tests.docs.scratch import make_scratch
 
@@ -32,10 +33,6 @@ INSTEAD = {
 what runs instead."""
 
 pytestmark = pytest.mark.timeout(1800)
-
-
-LONG_TUTORIALS = {"drive_by_commands", "drive_to_map", "how_many_swaths", "simulate_first"}
-"""Tutorials of a minute and more. `make docs` executes the script of every tutorial; their commands run in transcripts too."""
 
 
 @pytest.mark.parametrize(

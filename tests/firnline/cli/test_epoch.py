@@ -78,6 +78,7 @@ def test_path_map_and_score_are_those_of_the_epoch() -> None:
     ],
 )
 def test_an_epoch_without_a_motion_is_refused(words: list[str], sentence: str) -> None:
+    Path("reference.tif").touch()
     assert sentence in said(*words, code=3)
 
 

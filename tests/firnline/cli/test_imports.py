@@ -58,9 +58,9 @@ CASES = {
     "map without pictures": (
         "reconstruct points.csv --crs EPSG:32608 --method tin --grid 5 --no-pictures -o bare/map", 0, 1350, FRAMES | DRAWING,
     ),
-    "no checkpoints": ("score later.tif --checkpoints none.csv", 3, 690, FRAMES | DRAWING | COMPILED | ENGINES | {"scipy"}),
-    "no area": ("plan none.gpkg --swaths 4", 3, 690, FRAMES | DRAWING | COMPILED | ENGINES | {"scipy", "rasterio"}),
-    "no points": ("reconstruct none.csv --crs EPSG:32608", 3, 1080, FRAMES | DRAWING | COMPILED | ENGINES | {"pyogrio"}),
+    "no checkpoints": ("score later.tif --checkpoints none.csv", 3, 400, FRAMES | DRAWING | COMPILED | ENGINES | {"numpy"}),
+    "no area": ("plan none.gpkg --swaths 4", 3, 400, FRAMES | DRAWING | COMPILED | ENGINES | {"numpy"}),
+    "no points": ("reconstruct none.csv --crs EPSG:32608", 3, 400, FRAMES | DRAWING | COMPILED | ENGINES | {"numpy"}),
 }  # fmt: skip
 
 

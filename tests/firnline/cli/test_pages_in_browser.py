@@ -92,7 +92,14 @@ def firnline(*args: str) -> None:
     assert done.exit_code == 0, done.output
 
 
-@pytest.fixture(params=[(390, "light"), (390, "dark"), (1280, "light"), (1280, "dark")])
+@pytest.fixture(
+    params=[
+        pytest.param((390, "light"), marks=pytest.mark.exhaustive),
+        (390, "dark"),
+        (1280, "light"),
+        pytest.param((1280, "dark"), marks=pytest.mark.exhaustive),
+    ]
+)
 def page(request: pytest.FixtureRequest, browser: Any) -> Iterator[Any]:
     """An empty page of a phone or a screen, in light or dark colours."""
     width_px, scheme = request.param

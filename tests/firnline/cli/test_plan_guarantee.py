@@ -1,6 +1,7 @@
 """``firnline plan --require``: guarantees, refusals, and a survey planned swath by swath."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,7 +147,15 @@ def test_a_probability_that_is_no_guarantee_is_refused(site):
         result = firnline(folder, "--require", "class-3", "--probability", probability, code=4)
         assert "above 0.5 and at most 0.999" in result.stderr
     mission = CliRunner().invoke(
-        app, ["plan", "examples/quick.toml", "--require", "class-3", "--probability", "0"]
+        app,
+        [
+            "plan",
+            str(Path(__file__).parents[3] / "examples/small_survey.toml"),
+            "--require",
+            "class-3",
+            "--probability",
+            "0",
+        ],
     )
     assert mission.exit_code == 4
 

@@ -208,6 +208,7 @@ def test_grids_beyond_memory_are_refused_with_the_step_that_passes(
 def test_options_that_a_method_does_not_use_are_refused(
     folder: Path, arguments: tuple[str, ...], said: str
 ) -> None:
+    (folder / "prior.tif").touch()
     code, output = run("points.gpkg", *arguments)
     assert code == 3
     assert said in output
@@ -224,6 +225,7 @@ def test_a_prior_in_conflict_with_the_points_is_reported_in_one_sentence(folder:
 
 
 def test_a_class_of_products_must_be_known_and_needs_a_prior(folder: Path) -> None:
+    (folder / "prior.tif").touch()
     code, said = run("points.gpkg", "--product", "srtm-90")
     assert (code, "add --prior" in said) == (3, True)
     code, said = run("points.gpkg", "--prior", "prior.tif", "--product", "srtm")

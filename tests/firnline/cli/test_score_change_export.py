@@ -265,6 +265,7 @@ def test_the_datum_of_a_named_crs_counts(site: Path) -> None:
 def test_options_that_would_have_no_effect_are_refused(
     site: Path, options: tuple[str, ...], said: str
 ) -> None:
+    Path("reference.tif").touch()
     assert said in " ".join(output_of("score", "map.tif", *options, code=3).split())
 
 
