@@ -34,6 +34,9 @@ SQUARE = (
 )
 
 
+FITTED: dict[tuple[object, ...], ErrorModel | None] = {}
+
+
 def hills() -> Dem:
     """Return smooth hills; one corner is unknown."""
     grid = Grid((WEST + 22.5, SOUTH + 22.5, WEST + 877.5, SOUTH + 877.5), 45.0, "EPSG:32608")
@@ -43,17 +46,17 @@ def hills() -> Dem:
     return Dem.on(grid, heights)
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def models_once() -> Iterator[None]:
     """Fit the covariance of an outline once for all desks: that of equal outlines over equal elevations is equal."""
-    fitted: dict[tuple[object, ...], ErrorModel | None] = {}
 
     def model_once(prior: Dem, area: SurveyArea, assumed: MapAssumptions | None = None) -> ErrorModel | None:
         key = (prior.bounds, prior.elevation.tobytes(), area.free.wkb, area.crs, assumed)
-        if key not in fitted:
-            fitted[key] = prior_model(prior, area, assumed)
-        return fitted[key]
+        if key not in FITTED:
+            FITTED[key] = prior_model(prior, area, assumed)
+        return FITTED[key]
 
+    # No test elsewhere may see it.
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("planners.prior_model", model_once)
         yield
