@@ -73,7 +73,7 @@ docs: $(VENV)/.docs
 # the index of pip's settings, which it does not read. Modules are compiled where they are first imported: a quarter ever are.
 packages = --constraint constraints.txt --editable
 pip = $(BIN)/python -m pip --quiet --disable-pip-version-check
-index = $$($(pip) config list | sed -n "s/^.*\.index-url='\(.*\)'$$/\1/p" | tail -n 1)
+index = $$($(pip) config list | sed -n "s/^.*\.index.url='\(.*\)'$$/\1/p" | tail -n 1)
 install = { $(pip) install --constraint constraints.txt uv && \
 	index=$(index) && env $${index:+UV_DEFAULT_INDEX="$$index"} $(BIN)/uv pip install --quiet --python $(BIN)/python $(packages) '$(PACKAGES)'; } || \
 	$(pip) install --no-compile $(packages) '$(PACKAGES)'
