@@ -336,7 +336,12 @@ class PayloadRequest:
     name: Annotated[str, Option("--name", help="Column of the quantity, e.g. air_temperature.")]
     unit: Annotated[str, Option("--unit", help="Its unit as UDUNITS spells it, e.g. degC or 'W m-2'.")]
     terrain: Annotated[
-        Path, Option("--terrain", help="Elevation, e.g. dem.tif of a reconstruction; the map has its CRS.")
+        Path,
+        Option(
+            "--terrain",
+            help="Elevation, e.g. dem.tif of a reconstruction; the map has its CRS.",
+            reads="the raster",
+        ),
     ]
     trajectories: Annotated[
         list[Path],

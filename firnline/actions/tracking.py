@@ -116,8 +116,10 @@ def _days(days: float | None) -> float:
 class TrackRequest:
     """Two surveys between which features are tracked."""
 
-    earlier: Annotated[Path, Argument(help="Earlier survey: a raster of elevations, or an orthoimage.")]
-    later: Annotated[Path, Argument(help="Later survey on the same grid.")]
+    earlier: Annotated[
+        Path, Argument(help="Earlier survey: a raster of elevations, or an orthoimage.", reads="the raster")
+    ]
+    later: Annotated[Path, Argument(help="Later survey on the same grid.", reads="the raster")]
     days: Annotated[float, Option("--days", min=1e-6, help="Time between the surveys [days].")]
     images: Annotated[
         bool, Option("--images", help="Match the rasters as images, not hillshades of elevations.")

@@ -33,6 +33,9 @@ COMMANDS = (
     "montecarlo none.toml",
     "report none.toml",
     "counts none.csv --crs EPSG:32608",
+    "track none.tif lidar.tif --days 3",
+    "track lidar.tif none.tif --days 3",
+    "payload landmarks.csv --name a --unit degC --terrain none.tif",
     "reroute none.geojson landmarks.csv --at 1,2",
 )
 
