@@ -89,9 +89,8 @@ def others_wait_s(address: str, log: Path, n: int) -> tuple[float, list[str]]:
         ExitStack() as held,
     ):
         client.get(address).raise_for_status()
-        client.get(
-            f"{origin}/api/site"
-        ).raise_for_status()  # the folder of the plan is there once it is opened
+        # The folder of the plan is there once it is opened.
+        client.get(f"{origin}/api/site").raise_for_status()
         log.touch()
         job = client.post(f"{origin}/api/jobs", json={"kind": "watch"}, headers={"origin": origin}).json()[
             "job"

@@ -185,7 +185,6 @@ class LivePlanner:
 
 
 @cache
-@cache
 def plan_once() -> None:
     """Plan two small areas, one with a corner cut out, so that compiled code is loaded before the first plan."""
     cut_out = ((0.0, 0.0), (90.0, 0.0), (90.0, 60.0), (50.0, 60.0), (50.0, 90.0), (0.0, 90.0))

@@ -370,7 +370,10 @@ def model_in_grid(area: SurveyArea, prior: Dem, errors: MapAssumptions) -> Error
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Return the libraries that have threads, found once: the search takes as long as a small prediction."""
+    """Return the libraries that have threads, found once: the search takes as long as a small prediction.
+
+    BLAS of NumPy and SciPy are loaded by the imports of this module; libraries that are loaded later are not limited.
+    """
     return ThreadpoolController()
 
 
