@@ -30,10 +30,10 @@ from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.linalg import lapack
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
@@ -239,21 +239,42 @@ class Correlogram:
         steps = np.arange(int(np.ceil(self.reach_m / self._step_m)) + 2, dtype=np.float64)
         return self.cell.correlation(np.square(self._step_m * steps))
 
-    @cached_property
-    def _slopes(self) -> FloatArray:
-        return np.diff(self._table)
-
     def between(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return the correlation (A, B) of places (A, 2) with places (B, 2) [m]."""
-        share = cdist(a, b)
-        share *= 1.0 / self._step_m
-        step = share.astype(np.intp)
-        np.minimum(step, len(self._slopes) - 1, out=step)
-        share -= step
-        np.minimum(share, 1.0, out=share)
-        share *= self._slopes.take(step)
-        share += self._table.take(step)
-        return share
+        found = np.empty((len(a), len(b)))
+        self.fill(found, (0, 0), a, b)
+        return found
+
+    def fill(
+        self, into: FloatArray, first: tuple[int, int], a: FloatArray, b: FloatArray | None = None
+    ) -> None:
+        """Write the correlation of places (A, 2) with places (B, 2) [m] into an array, from its row and column `first` on.
+
+        Without `b` it is that among the places `a`, of which the upper triangle alone is written.
+        """
+        a, b, is_triangle = np.ascontiguousarray(a), np.ascontiguousarray(a if b is None else b), b is None
+        _interpolate(into, first, a, b, self._table, 1.0 / self._step_m, is_triangle)
+
+
+@njit(cache=True)
+def _interpolate(
+    into: FloatArray,
+    first: tuple[int, int],
+    a: FloatArray,
+    b: FloatArray,
+    table: FloatArray,
+    per_m: float,
+    is_triangle: bool,
+) -> None:
+    """Read a table at the distances of places (A, 2) from places (B, 2), `per_m` steps a metre, its last value beyond it."""
+    last = len(table) - 1
+    for i in range(len(a)):
+        row, x, y = into[first[0] + i], a[i, 0], a[i, 1]
+        for j in range(i if is_triangle else 0, len(b)):
+            dx, dy = x - b[j, 0], y - b[j, 1]
+            at = np.sqrt(dx * dx + dy * dy) * per_m
+            step = int(at) if at < last else last - 1
+            row[first[1] + j] = table[step] + min(at - step, 1.0) * (table[step + 1] - table[step])
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +347,7 @@ class _Group(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Correlations of samples and cells: among them (N + C, N + C), and with places (N + C, M)."""
+    """Correlations of samples and cells: among them (N + C, N + C; the upper triangle alone), and with places (N + C, M)."""
 
     among: FloatArray
     across: FloatArray
@@ -389,10 +410,11 @@ class MapPredictor:
 
     @cached_property
     def _reach_m(self) -> float:
-        """Farthest that two places of the area or its cells can be apart [m]."""
+        """Farthest that two places of the area or its cells can be apart [m], rounded up so that edited areas share tables."""
         xmin, ymin, xmax, ymax = self.area.bounds
         pad_m = 0.0 if self.cells is None else 4.0 * self.cells.cell_m
-        return float(np.hypot(xmax - xmin + pad_m, ymax - ymin + pad_m))
+        reach_m = np.hypot(xmax - xmin + pad_m, ymax - ymin + pad_m)
+        return float(2.0 ** (np.ceil(4.0 * np.log2(reach_m)) / 4.0))
 
     def distribution(
         self, xy: FloatArray, posterior: KernelPosterior, own_m2: FloatArray | None = None
@@ -525,17 +547,21 @@ class MapPredictor:
     def _seen(self, group: _Group, one: WeightedKernel, at: FloatArray) -> _Seen:
         """Return the correlations of a group's samples and cells."""
         xy, nodes = group.xy, at[group.places]
-        between = self._between(one)
-        if group.cells is None:
+        if one.known is not None:
+            between = self._between(one)
             return _Seen(between(xy, xy), between(xy, nodes))
-        cells, cell = group.cells.centre, one.cell._replace(ratio=0.0)
-        mean, means = (_mean_correlogram(cell, self._reach_m, group.cells.cell_m, n) for n in (1, 2))
-        n, n_all = len(xy), len(xy) + len(cells)
-        among, across = np.empty((n_all, n_all)), np.empty((n_all, len(nodes)))
-        among[:n, :n], among[n:, n:] = between(xy, xy), means.between(cells, cells)
-        among[n:, :n] = mean.between(cells, xy)
-        among[:n, n:] = among[n:, :n].T
-        across[:n], across[n:] = between(xy, nodes), mean.between(cells, nodes)
+        cell, n = one.cell._replace(ratio=0.0), len(xy)
+        n_all = n + (0 if group.cells is None else len(group.cells))
+        among, across = np.zeros((n_all, n_all)), np.empty((n_all, len(nodes)))
+        place = _correlogram(cell, self._reach_m)
+        place.fill(among, (0, 0), xy)
+        place.fill(across, (0, 0), xy, nodes)
+        if group.cells is not None:
+            centres = group.cells.centre
+            mean, means = (_mean_correlogram(cell, self._reach_m, group.cells.cell_m, k) for k in (1, 2))
+            mean.fill(among, (0, n), xy, centres)
+            means.fill(among, (n, n), centres)
+            mean.fill(across, (n, 0), centres, nodes)
         return _Seen(among, across)
 
     def _between(self, one: WeightedKernel) -> Callable[[FloatArray, FloatArray], FloatArray]:

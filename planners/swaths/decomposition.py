@@ -145,6 +145,11 @@ def clip_lines(ground: FreeGround, lines: list[FloatArray], *, headland_m: float
     shapely.prepare(shape)
     pieces: list[FloatArray] = []
     for line in lines:
+        full = shapely.linestrings(line)
+        # Most lines of a route are covered as they are, which is found many times faster than their intersection.
+        if shapely.covers(shape, full) and ground.covers(full):
+            pieces.append(line)
+            continue
         for piece in pieces_on(shape, line):
             if ground.covers(shapely.linestrings(piece)):
                 pieces.append(piece)
