@@ -22,7 +22,11 @@ Setting = bool | int | float | str | tuple[float, float] | None
 _FIRST_SETTINGS: dict[str, Setting] = {"pattern": "lawnmower", "swaths": 8}
 
 
-class PlanDocument(Section):
+class Record(Section, use_attribute_docstrings=False):
+    """Section of a desk's file or of a request of its page: no form shows its fields, so their docstrings are not read."""
+
+
+class PlanDocument(Record):
     """Survey as it is drawn on the desk; places in the metres of the terrain's CRS.
 
     Settings are those of the sections of a mission file, without defaults. They are checked when the plan

@@ -4,8 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import Field
 
-from desk.plan.document import PlanDocument
-from survey.core import FirnlineError, Section
+from desk.plan.document import PlanDocument, Record
+from survey.core import FirnlineError
 
 SCHEMA_VERSION = 2
 MOST_STEPS = 200
@@ -15,7 +15,7 @@ class OutdatedError(FirnlineError):
     """An edit of a document that has changed meanwhile, for example in another tab."""
 
 
-class Variant(Section):
+class Variant(Record):
     """Document that was set aside under a name, to be compared."""
 
     name: str = Field(min_length=1, max_length=80)
@@ -27,7 +27,7 @@ class Variant(Section):
 Variants = Annotated[tuple[Variant, ...], Field(max_length=30)]
 
 
-class EditStep(Section):
+class EditStep(Record):
     """Document after an edit, and what the edit did."""
 
     title: str = Field(max_length=200)
@@ -38,7 +38,7 @@ class EditStep(Section):
     """Plans that are set aside from this step on; None where the edit left them as they were."""
 
 
-class History(Section):
+class History(Record):
     """Steps of a document; those after `at` were undone and can be done again.
 
     >>> begun = History.of(PlanDocument())

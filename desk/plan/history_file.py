@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from pydantic import Field, NonNegativeInt
 
-from desk.plan.document import Place, PlanDocument, Ring, Rings
+from desk.plan.document import Place, PlanDocument, Record, Ring, Rings
 from desk.plan.history import MOST_STEPS, SCHEMA_VERSION, EditStep, History, OutdatedError, Variant, Variants
 from survey.core import (
     ConfigError,
@@ -29,7 +29,7 @@ from survey.core.files import existing_file, read_bytes, write_refusal
 SUFFIX = ".desk.json"
 
 
-class RingChange(Section):
+class RingChange(Record):
     """Ring by what differs from the ring at its place before: an edit moves few corners of many."""
 
     keep: tuple[NonNegativeInt, NonNegativeInt] = (0, 0)
@@ -57,7 +57,7 @@ class RingChange(Section):
 RingChanges = tuple[tuple[RingChange, ...], ...]
 
 
-class DocumentChange(Section):
+class DocumentChange(Record):
     """What differs between two documents."""
 
     stated: PlanDocument = Field(default_factory=PlanDocument)
@@ -127,7 +127,7 @@ def _variants(changes: VariantChanges, document: PlanDocument) -> Variants:
     return tuple(Variant(name=name, document=change.applied(document)) for name, change in changes)
 
 
-class StepChange(Section):
+class StepChange(Record):
     """Line of the file: an edit, by what differs from the document before."""
 
     title: str
@@ -151,14 +151,14 @@ class StepChange(Section):
         return EditStep(title=self.title, document=document, variants=variants)
 
 
-class MoveChange(Section):
+class MoveChange(Record):
     """Line of the file: steps that were undone (negative) or done again."""
 
     by: int
     """Number of steps."""
 
 
-class Beginning(Section):
+class Beginning(Record):
     """First line of the file: the history as it stood when the whole file was written."""
 
     schema_version: int = SCHEMA_VERSION

@@ -13,10 +13,10 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 
 from desk.jobs.job import Job
-from desk.plan.document import PlanDocument
+from desk.plan.document import PlanDocument, Record
 from desk.server.replies import BusyError, body_of, report_file
 from desk.workspace import Workspace
-from survey.core import ConfigError, FloatArray, InputError, Section, stream, validated
+from survey.core import ConfigError, FloatArray, InputError, stream, validated
 
 Work = Callable[[Job], dict[str, Any]]
 
@@ -116,7 +116,7 @@ _WORKS: dict[str, Callable[[Workspace, PlanDocument, Job], dict[str, Any]]] = {
 }  # fmt: skip
 
 
-class JobRequest(Section):
+class JobRequest(Record):
     """Job that the page asks for."""
 
     kind: Literal["guarantee", "curve", "mission", "map", "next", "watch", "replay"]
@@ -194,7 +194,7 @@ async def _lines(job: Job, workspace: Workspace) -> AsyncIterator[str]:
 _ROLES: tuple[Literal["points", "checkpoints", "driven"], ...] = ("points", "checkpoints", "driven")
 
 
-class CheckpointRequest(Section):
+class CheckpointRequest(Record):
     """Number of checkpoints that are wanted."""
 
     n: int = Field(default=30, ge=1, le=200)

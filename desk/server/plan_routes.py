@@ -8,18 +8,18 @@ from anyio import to_thread
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from desk.plan.document import PlanDocument
+from desk.plan.document import PlanDocument, Record
 from desk.plan.history import OutdatedError, Variant
 from desk.plan.history_file import StoredHistory
 from desk.server.replies import body_of
 from desk.workspace import Workspace
-from survey.core import ConfigError, FirnlineError, InputError, Section, validated
+from survey.core import ConfigError, FirnlineError, InputError, validated
 
 if TYPE_CHECKING:
     from desk.plan.live import LivePlan
 
 
-class EditRequest(Section):
+class EditRequest(Record):
     """Edit as the page sends it."""
 
     revision: int
@@ -30,7 +30,7 @@ class EditRequest(Section):
     """Result."""
 
 
-class MoveRequest(Section):
+class MoveRequest(Record):
     """Undo or redo as the page sends it."""
 
     revision: int
@@ -122,7 +122,7 @@ def _live(request: Request) -> "LivePlan":
 _SHOWN = ("length_m", "time_s", "energy_j", "n_turns", "rmse_m")
 
 
-class VariantRequest(Section):
+class VariantRequest(Record):
     """Name under which the document is set aside."""
 
     name: str

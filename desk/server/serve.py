@@ -32,9 +32,8 @@ if TYPE_CHECKING:
 
 _DEMO_FOLDER = Path("firnline-desk-demo")
 _PLANS = "*.desk.json"
-# Requests that a page is built with, the last of them, and the longest time to wait for it before the planners are loaded [s].
-_LAST_SHOWN = "/api/plan"
-_SHOWN_WITH, _SHOWN_S = ("/api/site", _LAST_SHOWN, "/tiles/"), 2.0
+# Requests that a page is built with, and the longest time to wait for any other before the planners are loaded [s].
+_SHOWN_WITH, _SHOWN_S = ("/api/site", "/api/plan", "/tiles/"), 2.0
 # Longest time that a page which was opened already has to show why nothing can be opened [s].
 _LAST_WORD_S = 5.0
 
@@ -59,9 +58,12 @@ def asset_files() -> dict[str, Path]:
 
 
 async def page(request: Request) -> Response:
-    """Answer with the page."""
+    """Answer with the page, which names all its modules, so that the browser need not read one to find the next."""
     del request
-    return Response((STATIC / "index.html").read_bytes(), media_type=_TYPES[".html"])
+    modules = (name for name in asset_files() if name.startswith("js/"))
+    links = "\n".join(f'<link rel="modulepreload" href="/static/{name}">' for name in sorted(modules))
+    text = (STATIC / "index.html").read_text(encoding="utf-8").replace("</head>", f"{links}\n</head>", 1)
+    return Response(text, media_type=_TYPES[".html"])
 
 
 async def asset(request: Request) -> Response:
@@ -164,10 +166,9 @@ class Opening:
             self.has_refused.set()
             return
         if not path.startswith(_SHOWN_WITH):
+            self.has_shown.set()
             await shield(wrap_future(self.loaded))
         await app(scope, receive, send)
-        if path == _LAST_SHOWN:
-            self.has_shown.set()
 
 
 def serve(
