@@ -46,7 +46,7 @@ STUDIES: dict[str, str] = {
     "emap-fig2": "papers.emap.figures:figure_2",
     "emap-table1": "papers.emap.figures:table_1",
     "emap-sensitivity": "papers.emap.sensitivity:sensitivity",
-    "emap-fig4": "papers.emap.figures:figure_4",
+    "emap-fig4": "papers.emap.sensitivity:figure_4",
     "emap-fig5": "papers.emap.figures:figure_5",
     "emap-fig6": "papers.emap.figures:figure_6",
     "emap-range": "papers.emap.figures:range_extension",

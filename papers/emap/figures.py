@@ -87,18 +87,19 @@ def table_1(folder: Path, *, quick: bool, progress: Progress) -> None:
     write_figure(folder / "table.png", draw_table(runs))
 
 
-def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
-    """Draw how the Raw scenario's errors at the nodes are spread (Fig. 4), and where they lie."""
+def errors_at_nodes_cm2(*, quick: bool, progress: Progress) -> dict[str, FloatArray]:
+    """Return the mean squared error of three runs at each node of the lattice that follows, method by method [cm²]."""
     runs = list(_runs((OCTOMAP, EMAP, FIELD), quick, progress, n_runs=3))
-    mse = {m: 1e4 * np.mean([s[m].squared_m2 for s in runs], axis=0) / _n_scans(quick) for m in runs[0]}
+    return {m: 1e4 * np.mean([s[m].squared_m2 for s in runs], axis=0) / _n_scans(quick) for m in runs[0]}
+
+
+def write_histogram(folder: Path, name: str, mse: Mapping[str, FloatArray], side_m: float) -> None:
+    """Write how errors at the nodes of a square are spread [cm²], as a table and a figure with their map."""
     edges = np.geomspace(1e-3, 1e4, 36)
     counts = [np.histogram(np.maximum(values, edges[0]), edges)[0] for values in mse.values()]
-    write_csv(
-        folder / "histogram.csv",
-        ("from_cm2", "to_cm2", *mse),
-        zip(edges[:-1], edges[1:], *counts, strict=True),
-    )
-    write_figure(folder / "histogram.png", draw_histogram(edges, mse))
+    rows = zip(edges[:-1], edges[1:], *counts, strict=True)
+    write_csv(folder / f"{name}.csv", ("from_cm2", "to_cm2", *mse), rows)
+    write_figure(folder / f"{name}.png", draw_histogram(edges, mse, side_m))
 
 
 def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -294,7 +295,7 @@ def draw_table(runs: Sequence[dict[str, RunScore]]) -> Figure:
 
 
 @styled
-def draw_histogram(edges: FloatArray, mse: Mapping[str, FloatArray]) -> Figure:
+def draw_histogram(edges: FloatArray, mse: Mapping[str, FloatArray], side_m: float = SIDE_M) -> Figure:
     """Draw the distribution of node errors, and a map of them for each method."""
     figure = Figure(figsize=(FULL_IN, 3.0), layout="constrained")
     axes = figure.subplots(1, 1 + len(mse), width_ratios=[2.2] + [1.0] * len(mse))
@@ -305,7 +306,7 @@ def draw_histogram(edges: FloatArray, mse: Mapping[str, FloatArray]) -> Figure:
     axes[0].set(xscale="log", xlabel="mean square error of a node [cm²]", ylabel="nodes", title="Raw")
     axes[0].legend(loc="upper left")
     n = round(np.sqrt(len(next(iter(mse.values())))))
-    half = 0.5 * SIDE_M
+    half = 0.5 * side_m
     for place, (method, values) in zip(axes[1:], mse.items(), strict=True):
         image = place.imshow(
             np.sqrt(values.reshape(n, n)),

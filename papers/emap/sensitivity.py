@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from papers.emap.figures import PAPER
-from papers.emap.runs import SCENARIOS, STEP_M, OctoMapSurface, below
+from papers.emap.figures import PAPER, errors_at_nodes_cm2, write_histogram
+from papers.emap.runs import EMAP, FIELD, OCTOMAP, SCENARIOS, STEP_M, OctoMapSurface, below
 from papers.emap.world import (
     CRS,
     NOISE_M,
@@ -30,7 +30,8 @@ from papers.outputs import write_csv, write_figure
 from survey import SurfacePoints
 from survey.core.arrays import FloatArray, Progress
 from survey.figures.style import FULL_IN, INK, ROVERS, styled
-from survey.reconstruction.lattice.config import SpringLatticeConfig
+from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice
 from survey.reconstruction.nodes import NodeWindow
 
@@ -53,6 +54,7 @@ RUNS = (0, 2, 4, 6, 8)
 DRIVE_M = 20.0
 _K_DATA = 0.5
 _THRESHOLDS_M = np.arange(4.0, 10.01, 0.25)
+_LARGE_CM2 = 100.0
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,46 @@ def _add_drive(scores: Scores, drive: EmapRun, scans_per_m: int) -> None:
                 for name, found in heights.items():
                     score = _score(found - drive.height(nodes), nodes - place[:2])
                     scores[lattice.name, drive.sensor_height_m, scans_per_m, name].append(score)
+
+
+def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
+    """Draw how the Raw scenario's errors at the nodes are spread (Fig. 4): where the lattice follows, and where it lies still."""
+    follows, patch = LATTICES[0], LATTICES[-1]
+    of_lattice = {follows.name: errors_at_nodes_cm2(quick=quick, progress=progress)}
+    drives = [EmapRun(run=run) for run in RUNS[: 2 if quick else None]]
+    runs = []
+    for k, drive in enumerate(drives, start=1):
+        runs.append(_errors_on_patch_cm2(drive, patch))
+        progress("drives over the patch", k, len(drives))
+    of_lattice[patch.name] = {m: np.mean([each[m] for each in runs], axis=0) for m in runs[0]}
+    write_histogram(folder, "histogram", of_lattice[follows.name], follows.side_m)
+    write_histogram(folder, "patch", of_lattice[patch.name], patch.side_m)
+    rows = ((name, *(float(np.mean(of[m] > _LARGE_CM2)) for m in of)) for name, of in of_lattice.items())
+    write_csv(folder / "large_errors.csv", ("lattice", *runs[0]), rows)
+
+
+def _errors_on_patch_cm2(drive: EmapRun, patch: Lattice) -> dict[str, FloatArray]:
+    """Return each method's mean squared error at the nodes of a patch, over the scans taken above it [cm²]."""
+    lattices: dict[str, SpringLattice | FieldLattice] = {
+        EMAP: SpringLattice(SpringLatticeConfig(step_m=STEP_M, side_m=patch.side_m)),
+        FIELD: FieldLattice(FieldLatticeConfig(step_m=STEP_M, side_m=patch.side_m)),
+    }
+    octomap = OctoMapSurface(OCTOMAPS_M[0])
+    found: dict[str, list[FloatArray]] = defaultdict(list)
+    for place, points in drive.scans():
+        if place[0] > patch.side_m - 2.0 * STEP_M:
+            break
+        octomap.insert(points)
+        centre = np.array([*(patch.centre_xy_m or place[:2]), place[2]])
+        within = _within(points, centre, patch.side_m)
+        nodes = NodeWindow.around(centre, patch.side_m, STEP_M).xy
+        heights = {OCTOMAP: octomap.heights(nodes)}
+        for name, lattice in lattices.items():
+            lattice.update(within)
+            heights[name] = lattice.predict(nodes)
+        for name, height in heights.items():
+            found[name].append(np.square(height - drive.height(nodes)))
+    return {name: 1e4 * np.mean(squared, axis=0) for name, squared in found.items()}
 
 
 def _within(points: SurfacePoints, centre: FloatArray, side_m: float) -> SurfacePoints:

@@ -343,7 +343,7 @@ def compare_with_photographs(folder: Path, *, quick: bool, progress: Progress) -
     values, images = _rendered(best, _JUDGING_SEED, 2 if quick else 6)
     rows = list(verdicts(values, spreads[JUDGED_ON]))
     write_rows(folder / "photographs.csv", rows)
-    write_picture(folder / "photographs.png", _comparison(found[JUDGED_ON], images))
+    _write_figure(folder / "photographs.png", photographs_figure(found[JUDGED_ON], images))
     return {
         "compared": True,
         "chosen": best,
@@ -351,7 +351,7 @@ def compare_with_photographs(folder: Path, *, quick: bool, progress: Progress) -
         "judged on": JUDGED_ON,
         "within": sum(row["within"] for row in rows),
         "of": len(rows),
-        "pictures": f"photographs.png: left photographs, right rendered. {CREDIT}.",
+        "pictures": f"photographs.png. {CREDIT}.",
     }
 
 
@@ -440,19 +440,6 @@ def verdicts(
         }
 
 
-def _comparison(photographs: Sequence[Image], rendered: Sequence[Image]) -> Image:
-    pairs = [(p[-320:, :], r[-320:, :]) for p, r in zip(photographs, rendered, strict=False)][:3]
-    return np.vstack(
-        [cv2.resize(np.hstack(pair), (720, 180), interpolation=cv2.INTER_AREA) for pair in pairs]
-    )
-
-
-def write_picture(path: Path, picture: Image) -> None:
-    """Write an image as PNG."""
-    with replacing(path) as draft:
-        draft.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes())
-
-
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write mappings with equal keys as a CSV table."""
     with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
@@ -482,7 +469,7 @@ def glacier_fig4(folder: Path, *, quick: bool, progress: Progress) -> None:
     lengths = list(_baseline_rows(scenes, 1 if quick else 2, progress))
     write_rows(folder / "match_length.csv", lengths)
     _write_figure(folder / "clahe.png", clahe_figure(rows, lengths))
-    write_picture(folder / "snow.png", _side_by_side([scene.frame(0)[0] for scene in scenes.values()]))
+    _write_figure(folder / "snow.png", snow_figure(scenes))
     summary = {
         "local contrast": {name: round(scene.ground_contrast(), 4) for name, scene in scenes.items()},
         "gain in correct matches": gains(rows),
@@ -597,10 +584,41 @@ def clahe_figure(rows: Sequence[Mapping[str, Any]], lengths: Sequence[Mapping[st
     return figure
 
 
-def _side_by_side(images: Sequence[Image]) -> Image:
-    """Return images as taken (left) and after CLAHE (right), one below the other."""
-    pairs = [np.hstack([image, clahe(image)])[80:] for image in images[:3]]
-    return np.vstack([cv2.resize(pair, (720, 225), interpolation=cv2.INTER_AREA) for pair in pairs])
+@styled
+def snow_figure(scenes: Mapping[str, SnowScene]) -> Figure:
+    """Draw rendered snow under three skies, as taken and after CLAHE, with its corners."""
+    shown = dict(list(scenes.items())[:3])
+    figure, rows = _rows_of_images(len(shown))
+    for axes, (name, scene) in zip(rows, shown.items(), strict=True):
+        image, ground = scene.frame(0)
+        for place, what, picture in zip(axes, ("as taken", "CLAHE"), (image, clahe(image)), strict=True):
+            found = corners(picture, ground)
+            place.imshow(picture[80:], cmap="gray", vmin=0, vmax=255)
+            place.plot(*(found - [0.0, 80.0]).T, ".", markersize=1.2, color=ESTIMATE)
+            place.set_title(f"{name}, {what}: {len(found)} corners", fontsize=8)
+    return figure
+
+
+@styled
+def photographs_figure(taken: Sequence[Image], rendered: Sequence[Image]) -> Figure:
+    """Draw photographs of debris-covered ice beside rendered ice, as the paper's Fig. 4 does."""
+    pairs = list(zip(taken, rendered, strict=False))[:3]
+    figure, rows = _rows_of_images(len(pairs))
+    for axes, pair in zip(rows, pairs, strict=True):
+        for place, what, picture in zip(axes, ("photograph", "rendered"), pair, strict=True):
+            place.imshow(picture[-320:], cmap="gray", vmin=0, vmax=255)
+            place.set_title(what, fontsize=8)
+    figure.supxlabel(CREDIT, fontsize=7)
+    return figure
+
+
+def _rows_of_images(n_rows: int) -> tuple[Figure, Any]:
+    """Return a figure of rows of two images without axes."""
+    figure = Figure(figsize=(FULL_IN, 2.3 * n_rows), layout="constrained")
+    rows = figure.subplots(n_rows, 2, squeeze=False)
+    for axes in rows.flat:
+        axes.set_axis_off()
+    return figure, rows
 
 
 def _write_figure(path: Path, figure: Figure) -> None:
