@@ -90,7 +90,7 @@ def compare_methods(
 
     of_tin, tin_m, gp_m = excess(height), _root_mean(excess(height)), np.inf
     for members in (MEMBERS[:1], MEMBERS):
-        if tin_m <= _FAR_BETTER * gp_m:
+        if np.isinf(gp_m) or 0.0 < tin_m <= _FAR_BETTER * gp_m:
             gp_m = _root_mean(excess(_by_kernel(around, left_out.xy, members)))
     distance, nearest = map(np.asarray, cKDTree(around.xy).query(left_out.xy))
     steps = (left_out.z - around.z[nearest]) ** 2 - left_out.variance - around.variance[nearest]

@@ -42,7 +42,10 @@ class PriorMeasurements(NamedTuple):
 
 
 class ConditioningTask(NamedTuple):
-    """Engine, settings, extent of the map [m], trend, prior as measurements, number of nodes, and a progress callback."""
+    """Engine, settings, extent of the map [m], trend, prior as measurements, number of nodes, and a progress callback.
+
+    ``is_divided``: whether parts of the site are solved one by one without trying one solve.
+    """
 
     engine: EngineName
     config: GaussianProcessConfig
@@ -51,6 +54,7 @@ class ConditioningTask(NamedTuple):
     prior: PriorMeasurements | None = None
     n_nodes: int | None = None
     progress: Progress | None = None
+    is_divided: bool = False
 
 
 def condition_all(
@@ -105,6 +109,7 @@ def _condition(task: ConditioningTask, one: KernelInAverage, data: NoisyValues) 
         progress=task.progress,
         n_nodes=task.n_nodes,
         may_divide=task.prior is None,
+        is_divided=task.is_divided,
     )
 
 

@@ -96,6 +96,11 @@ class EngineChoice(NamedTuple):
     tiles: TileGrid | None = None
     is_stated: bool = False
 
+    @property
+    def is_divided(self) -> bool:
+        """Whether parts of the site are solved one by one."""
+        return self.engine in ("tiled", "local")
+
     def record(self) -> dict[str, Any]:
         """Return the reason and the memory, for the record."""
         return {"reason": self.reason, "needed_mb": self.needed_mb}
@@ -117,13 +122,15 @@ def is_little_work(n: int, n_nodes: int | None) -> bool:
     return n <= _N_DENSE or (n_nodes is not None and n <= _MOST_DENSE and n**2 * n_nodes <= _DENSE_WORK)
 
 
-def choose_engine(task: EngineTask, *, is_dense: bool = False) -> EngineChoice:
-    """Choose the engine by what each would need; `is_dense` states the dense one."""
+def choose_engine(task: EngineTask, *, is_dense: bool = False, is_divided: bool = False) -> EngineChoice:
+    """Choose the engine by what each would need; `is_dense` states the dense one, `is_divided` parts of the site."""
     n = len(task.xy)
     if is_dense or is_little_work(n, task.n_nodes):
         few = f"there are no more than {_N_DENSE} points" if n <= _N_DENSE else f"{n} points have few nodes"
         reason = "the dense engine was stated" if is_dense else few
         return EngineChoice("dense", reason, dense_mb(n), is_stated=is_dense)
+    if is_divided:
+        return choose_divided(task, "one solve did not do for these points before")
     resolution = resolve_for_points(task.kernel, task.site, task.xy, task.noise_m2, **task.limits)
     if resolution is None:
         return choose_divided(task, f"the waves of the site do not fit {task.memory_mb:g} MB")
@@ -206,16 +213,17 @@ def fit_process(
     progress: Progress | None = None,
     n_nodes: int | None = None,
     may_divide: bool = True,
+    is_divided: bool = False,
 ) -> Conditioned:
     """Condition on points with the dense engine, or with the one that the size of the task demands.
 
-    Raise `DividedSiteError` for a task that needs parts unless `may_divide`.
+    `is_divided`: whether one solve is not tried. Raise `DividedSiteError` for a task that needs parts unless `may_divide`.
     """
     data = NoisyValues.of(xy, values, sigma_m)
     task = EngineTask(
         kernel, data.xy, data.noise_m2, data.extent(bounds), config.tolerance_m, config.memory_mb, n_nodes
     )
-    choice = choose_engine(task, is_dense=engine == "dense")
+    choice = choose_engine(task, is_dense=engine == "dense", is_divided=is_divided)
     points = xy, values, sigma_m, kernel
     if choice.engine == "dense":
         return Conditioned(DenseGaussianProcess.fit(*points, trend=trend), choice)

@@ -380,7 +380,7 @@ class TerrainFit:
     """Assumptions of a fit: settings, expected surface, engine, quantity, site, and a progress callback.
 
     `errors`: error model of a prior whose cells are measurements; without it the prior is the mean. `n_nodes`: number of
-    nodes of the map, None where it is not known.
+    nodes of the map, None where it is not known. `is_divided`: whether one solve for the site is known not to do.
     """
 
     config: GaussianProcessConfig
@@ -391,6 +391,7 @@ class TerrainFit:
     progress: Progress | None
     errors: PriorErrors | None = None
     n_nodes: int | None = None
+    is_divided: bool = False
 
     def near(self, points: SurfacePoints) -> BoolArray:
         """Return which points (N,) can matter to the site, and refuse fewer than three."""
@@ -421,17 +422,18 @@ class TerrainFit:
         conditioned, found = self._learn(data, mean, data.variance)
         n_times = 1 + self._has_slope_errors(points) + self.config.robust
         announce(Learned.uncalibrated(conditioned, mean, found), n_times * (time.perf_counter() - began))
+        again = replace(self, is_divided=conditioned.choice.is_divided)
         # The slope that carries horizontal errors to the height is known only once there is a surface.
         variance = self.through_slope(points, conditioned.process, mean, data.variance)
         if variance is not data.variance:
-            conditioned, found = self._learn(data, mean, variance)
+            conditioned, found = again._learn(data, mean, variance)
         z_scores = _z_scores(conditioned.process)
         treatment = "retained"
         if self.config.robust:
             variance, treatment = distrusted(variance, z_scores), "retained with less weight"
-            conditioned, found = self._learn(data, mean, variance)
+            conditioned, found = again._learn(data, mean, variance)
         outliers = Outliers.among(z_scores, numbers, treatment)
-        return Learned(*conditioned, mean, found, self._calibration(data, mean, variance, found), outliers)
+        return Learned(*conditioned, mean, found, again._calibration(data, mean, variance, found), outliers)
 
     def _mean(self, points: SurfacePoints) -> Mean:
         if isinstance(self.prior, Dem):
@@ -510,6 +512,7 @@ class TerrainFit:
                 self._measurements,
                 self.n_nodes,
                 self.progress,
+                self.is_divided,
             ),
             found,
             xy,

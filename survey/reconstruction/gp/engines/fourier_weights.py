@@ -24,7 +24,12 @@ from scipy import fft
 from scipy.linalg import blas, lapack, solve_triangular
 
 from survey.core import FloatArray, InputError, IntArray
-from survey.reconstruction.gp.engines.fourier_basis import MAX_ITERATIONS, ComplexArray, FourierBasis
+from survey.reconstruction.gp.engines.fourier_basis import (
+    MAX_ITERATIONS,
+    TOLERABLE,
+    ComplexArray,
+    FourierBasis,
+)
 from survey.reconstruction.gp.engines.regression import NoisyValues
 
 # Nothing calls these loops from C, and Python does not call the inner one.
@@ -336,11 +341,13 @@ class MeanSystem:
         sides = [self.right_hand_side(moment) for moment in sums.moments]
         if starts is None:
             starts = tuple(preconditioner.alone(side) for side in sides)
-        pairs = zip(sides, starts, strict=True)
-        columns, errors = zip(
-            *(self.solve(side, preconditioner, accuracy, start) for side, start in pairs), strict=True
-        )
-        return MeanWeights(columns, max(errors))
+        columns, error = list(starts), 0.0
+        for k, (side, start) in enumerate(zip(sides, starts, strict=True)):
+            columns[k], of_column = self.solve(side, preconditioner, accuracy, start)
+            error = max(error, of_column)
+            if error > TOLERABLE:
+                break  # such a process is refused or replaced, whatever the other columns are
+        return MeanWeights(tuple(columns), error)
 
     def solve(
         self,
@@ -353,9 +360,10 @@ class MeanSystem:
 
         The measure is the energy norm, which bounds the error of the mean anywhere by `accuracy` times the
         posterior standard deviation there. It is infinite where the preconditioner is not positive definite to working
-        precision, which stops the iteration; an energy at the level of rounding may have either sign.
+        precision, which stops the iteration; an energy at the level of rounding may have either sign. The iteration also
+        stops where it would not end in time at `_FASTER` times the rate of the last iterations.
         """
-        z = start
+        z, looked_at = start, np.inf
         residual = side - self.product(z)
         direction = np.zeros_like(z)
         previous = energy = 1.0
@@ -366,6 +374,10 @@ class MeanSystem:
                 return z + step, float(np.sqrt(abs(energy)))
             if energy < 0.0:
                 return z, np.inf
+            if iteration % _LOOKED_EVERY == 0:
+                if _would_be_left(energy, looked_at, MAX_ITERATIONS - iteration) > TOLERABLE:
+                    break
+                looked_at = energy
             direction = step + (energy / previous if iteration else 0.0) * direction
             image = self.product(direction)
             stride = energy / inner(direction, image)
@@ -373,6 +385,18 @@ class MeanSystem:
             residual = residual - stride * image
             previous = energy
         return z, float(np.sqrt(energy))
+
+
+# Convergence is looked at after so many iterations; its rate rarely grows, and falls in those that do not end in time.
+_LOOKED_EVERY, _FASTER = 25, 1.5
+
+
+def _would_be_left(energy: float, before: float, n_more: int) -> float:
+    """Return the error after more iterations, from its square now and `_LOOKED_EVERY` iterations before; 0 where that is not known."""
+    if not np.isfinite(before):
+        return 0.0
+    rate = 0.5 * _FASTER * np.log(before / energy) / _LOOKED_EVERY
+    return float(np.sqrt(energy) * np.exp(-rate * n_more))
 
 
 class MeanWeights(NamedTuple):
