@@ -1,5 +1,8 @@
 """The engine is chosen by the memory and the convergence that each one would have."""
 
+import inspect
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,6 +17,7 @@ from survey.reconstruction.gp.engine_choice import (
 )
 from survey.reconstruction.gp.engines.fourier_basis import resolve_for_points
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier_weights import MeanSystem
 from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
@@ -80,16 +84,54 @@ def test_waves_that_the_covariance_holds_need_no_iterations() -> None:
     assert expected_error(one, resolution) == 0.0
 
 
-def test_a_mean_that_was_tried_and_did_not_converge_gives_way() -> None:
+def test_a_mean_that_was_tried_and_did_not_converge_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     one = task(ROUGH, 3000, 300.0, 0.1, 5.0)
     assert choose_engine(one).engine == "fourier"
     z = np.random.default_rng(1).standard_normal(3000)
     config = GaussianProcessConfig(memory_mb=5.0)
+    products = counted(monkeypatch, MeanSystem, "product")
     process, choice = fit_process(
         "gp", ROUGH, one.xy, z, np.sqrt(one.noise_m2), bounds=one.site, trend="none", config=config
     )
     assert isinstance(process, LocalGaussianProcess)
     assert "did not converge" in choice.reason
+    # No more iterations are made than show that 200 of them would not do.
+    assert 0 < len(products) < 100
+
+
+def test_one_solve_that_did_not_do_is_not_tried_again_for_the_points_that_are_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    xy = np.random.default_rng(0).uniform(0.0, 300.0, (3000, 2))
+    z = np.random.default_rng(1).standard_normal(3000)
+    points = SurfacePoints(np.column_stack([xy, z]), sigma_m=0.1, crs="EPSG:32608")
+    config = GaussianProcessConfig(
+        fit=False,
+        family="matern-3/2",
+        variance_m2=25.0,
+        length_scale_m=20.0,
+        calibrate=True,
+        memory_mb=5.0,
+    )
+    solves = counted(monkeypatch, FourierGaussianProcess, "solve")
+    model = GaussianProcessTerrain(config).fit(points)
+    assert model.learned_ is not None
+    assert "did not converge" in model.learned_.choice.reason
+    assert model.learned_.calibration.held_out["n_held_out"] > 300
+    assert len(solves) == 1
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, owner: type, name: str) -> list[None]:
+    """Return a list that grows by one with each call of a method, which is made as before."""
+    calls: list[None] = []
+    method = getattr(owner, name)
+
+    def call(*arguments: Any, **named: Any) -> Any:
+        calls.append(None)
+        return method(*arguments, **named)
+
+    monkeypatch.setattr(owner, name, staticmethod(call) if inspect.ismethod(method) else call)
+    return calls
 
 
 def test_the_choice_is_recorded_beside_the_name_of_the_engine() -> None:
