@@ -23,7 +23,7 @@ from survey.io.point_files import read_point_table
 
 ROOT = Path(__file__).parents[1]
 CRS = "EPSG:32608"
-SIDE_M = 1000.0
+SIDE_M, LARGE_M = 1000.0, 9274.0
 # Command, bar of CPU time [s], bar of memory [MB].
 COMMANDS: dict[str, tuple[str, float, float | None]] = {
     "refusal of input: score": ("score map.tif --checkpoints none.csv", 0.7, None),
@@ -37,6 +37,9 @@ COMMANDS: dict[str, tuple[str, float, float | None]] = {
     ),
     "plan of 1 km² with a guarantee": (
         "plan site.geojson --prior prior.tif --require class-3 -o sure.geojson --force", 4.0, None,
+    ),
+    "plan of 86 km² with a guarantee": (
+        "plan large.geojson --prior large.tif --require 0.5 -o large-plan.geojson --force", 120.0, 2000.0,
     ),
     "map of 5,000 points, 501² nodes": (f"reconstruct points.csv --crs {CRS} --grid 1 -o made --force", 6.0, 350.0),
 }  # fmt: skip
@@ -85,9 +88,11 @@ def _write_inputs(folder: Path) -> None:
     for name, raised_m in (("earlier", 0.0), ("map", 0.25)):
         noise_m = rng.normal(0.0, 0.05, fine.shape)
         Dem.on(fine, _height(fine.xy).reshape(fine.shape) + raised_m + noise_m).write(folder / f"{name}.tif")
-    coarse = Grid.over((-300.0, -300.0, SIDE_M + 300.0, SIDE_M + 300.0), 30.0, CRS)
-    prior = _height(coarse.xy).reshape(coarse.shape) + rng.normal(0.0, 1.0, coarse.shape)
-    Dem.on(coarse, prior).write(folder / "prior.tif")
+    SurveyArea.rectangle((0.0, 0.0, LARGE_M, LARGE_M), CRS).write(folder / "large.geojson")
+    for name, side_m in (("prior", SIDE_M), ("large", LARGE_M)):
+        coarse = Grid.over((-300.0, -300.0, side_m + 300.0, side_m + 300.0), 30.0, CRS)
+        prior = _height(coarse.xy).reshape(coarse.shape) + rng.normal(0.0, 1.0, coarse.shape)
+        Dem.on(coarse, prior).write(folder / f"{name}.tif")
     _write_points(folder / "points.csv", rng.uniform(0.0, 500.0, (5000, 2)), rng)
     _write_points(folder / "checkpoints.csv", rng.uniform(20.0, SIDE_M - 20.0, (60, 2)), rng)
 
