@@ -95,7 +95,9 @@ def extend_map(
     """
     if recording.frames is None or recording.camera is None or recording.lidar is None:
         missing = "LiDAR scans" if recording.lidar is None else "images with a calibration"
-        raise InputError(f"the recording has no {missing}; heights from images need both beside each other.")
+        raise InputError(
+            f"the recording has no {missing}; name one with both scans and images, or map what it has by firnline reconstruct."
+        )
     if path.error is None:
         raise InputError("the path has no error that scans and images share; localize the recording again.")
     beams = BeamErrors.of(recording.lidar.scanner)
