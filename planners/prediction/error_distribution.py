@@ -30,10 +30,10 @@ from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import lapack
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 from scipy.special import gammainc, gammaln, ndtri, stdtrit
 
 from planners.prediction.kernel_posterior import KernelPosterior, WeightedKernel
@@ -207,7 +207,7 @@ _STEPS_PER_LENGTH, _STEPS_PER_WIDTH = 8192, 128
 # Means over a square are those of its Gauss nodes, exact for cubic relief; directions within the eighth of a circle.
 _GAUSS, _SIGNS = 0.5 / np.sqrt(3.0), np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 _DIRECTIONS = np.pi / 4.0 * (np.arange(3) + 0.5) / 3.0
-_MOST_STEPS = 65536
+_MOST_STEPS, _ROWS_AT_ONCE = 65536, 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,42 +239,27 @@ class Correlogram:
         steps = np.arange(int(np.ceil(self.reach_m / self._step_m)) + 2, dtype=np.float64)
         return self.cell.correlation(np.square(self._step_m * steps))
 
+    @cached_property
+    def _slopes(self) -> FloatArray:
+        return np.diff(self._table, append=self._table[-1])
+
     def between(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return the correlation (A, B) of places (A, 2) with places (B, 2) [m]."""
-        found = np.empty((len(a), len(b)))
-        self.fill(found, (0, 0), a, b)
+        share = cdist(a, b)
+        share *= 1.0 / self._step_m
+        step = share.astype(np.intp)
+        share -= step
+        share *= self._slopes.take(step, mode="clip")
+        share += self._table.take(step, mode="clip")
+        return share
+
+    def among(self, places: FloatArray) -> FloatArray:
+        """Return the correlation (A, A) of places (A, 2) [m] with one another, its upper triangle alone."""
+        found = np.zeros((len(places), len(places)))
+        for first in range(0, len(places), _ROWS_AT_ONCE):
+            rows = slice(first, first + _ROWS_AT_ONCE)
+            found[rows, first:] = self.between(places[rows], places[first:])
         return found
-
-    def fill(
-        self, into: FloatArray, first: tuple[int, int], a: FloatArray, b: FloatArray | None = None
-    ) -> None:
-        """Write the correlation of places (A, 2) with places (B, 2) [m] into an array, from its row and column `first` on.
-
-        Without `b` it is that among the places `a`, of which the upper triangle alone is written.
-        """
-        a, b, is_triangle = np.ascontiguousarray(a), np.ascontiguousarray(a if b is None else b), b is None
-        _interpolate(into, first, a, b, self._table, 1.0 / self._step_m, is_triangle)
-
-
-@njit(cache=True)
-def _interpolate(
-    into: FloatArray,
-    first: tuple[int, int],
-    a: FloatArray,
-    b: FloatArray,
-    table: FloatArray,
-    per_m: float,
-    is_triangle: bool,
-) -> None:
-    """Read a table at the distances of places (A, 2) from places (B, 2), `per_m` steps a metre, its last value beyond it."""
-    last = len(table) - 1
-    for i in range(len(a)):
-        row, x, y = into[first[0] + i], a[i, 0], a[i, 1]
-        for j in range(i if is_triangle else 0, len(b)):
-            dx, dy = x - b[j, 0], y - b[j, 1]
-            at = np.sqrt(dx * dx + dy * dy) * per_m
-            step = int(at) if at < last else last - 1
-            row[first[1] + j] = table[step] + min(at - step, 1.0) * (table[step + 1] - table[step])
 
 
 @dataclass(frozen=True, eq=False)
@@ -554,14 +539,12 @@ class MapPredictor:
         n_all = n + (0 if group.cells is None else len(group.cells))
         among, across = np.zeros((n_all, n_all)), np.empty((n_all, len(nodes)))
         place = _correlogram(cell, self._reach_m)
-        place.fill(among, (0, 0), xy)
-        place.fill(across, (0, 0), xy, nodes)
+        among[:n, :n], across[:n] = place.among(xy), place.between(xy, nodes)
         if group.cells is not None:
             centres = group.cells.centre
             mean, means = (_mean_correlogram(cell, self._reach_m, group.cells.cell_m, k) for k in (1, 2))
-            mean.fill(among, (0, n), xy, centres)
-            means.fill(among, (n, n), centres)
-            mean.fill(across, (n, 0), centres, nodes)
+            among[:n, n:], among[n:, n:] = mean.between(xy, centres), means.among(centres)
+            across[n:] = mean.between(centres, nodes)
         return _Seen(among, across)
 
     def _between(self, one: WeightedKernel) -> Callable[[FloatArray, FloatArray], FloatArray]:

@@ -54,7 +54,7 @@ CASES = {
     "change without pictures": (
         "change later.tif earlier.tif --outline area.geojson --no-pictures -o bare/change", 0, 1100, FRAMES | COMPILED | DRAWING,
     ),
-    "plan without pictures": ("plan area.geojson --swaths 4 --no-pictures -o bare/plan.geojson", 0, 1375, FRAMES | DRAWING),
+    "plan without pictures": ("plan area.geojson --swaths 4 --no-pictures -o bare/plan.geojson", 0, 1350, FRAMES | DRAWING),
     "map without pictures": (
         "reconstruct points.csv --crs EPSG:32608 --method tin --grid 5 --no-pictures -o bare/map", 0, 1350, FRAMES | DRAWING,
     ),
