@@ -63,6 +63,25 @@ def test_a_setting_that_is_emptied_returns_to_its_default(opened):
     assert "heading_deg" not in opened.document["planner"]
 
 
+def test_what_is_being_typed_stays_when_the_answer_to_an_edit_arrives(opened):
+    set_field(opened, "planner-heading_deg", "30")
+    opened.page.wait_for_selector('#planner-heading_deg[value="30"]')
+    opened.page.focus("#planner-inset_share")
+    opened.page.keyboard.type("0.2")
+    revision = opened.server.workspace.store.revision
+    # Another field changes while the focus stays.
+    opened.page.evaluate(
+        "const input = document.querySelector('#planner-heading_deg'); input.value = '40'; input.dispatchEvent(new Event('change'))"
+    )
+    opened.wait_for_revision(revision + 1)
+    opened.page.wait_for_selector('#planner-heading_deg[value="40"]')
+    opened.page.keyboard.type("5")
+    assert opened.page.input_value("#planner-inset_share") == "0.25"
+    opened.page.keyboard.press("Tab")
+    opened.wait_for_revision(revision + 2)
+    assert opened.document["planner"]["inset_share"] == 0.25
+
+
 def test_a_setting_out_of_range_is_refused_in_a_sentence_and_undone(opened):
     set_field(opened, "planner-swaths", "-3")
     opened.page.wait_for_selector("#refusal:not([hidden])")

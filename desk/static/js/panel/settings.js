@@ -24,11 +24,16 @@ export class Settings {
     this.show();
   }
 
-  /** Show the settings of the document; the input that has the focus stays where it is. */
+  /** Show the settings of the document; inputs stay where their fields are as before, and what is being typed stays too. */
   show() {
+    const made = element("div", {}, ...this.#pattern(), ...this.#section("rover", "Rover"), ...this.#section("fleet", "Fleet"));
+    if (idsOf(made) === idsOf(this.page)) {
+      for (const input of inputsOf(made)) update(/** @type {HTMLInputElement} */ (this.page.querySelector(`#${CSS.escape(input.id)}`)), input);
+      return;
+    }
     const focused = document.activeElement?.id;
     const open = [...this.page.querySelectorAll("details")].map((details) => details.open);
-    this.page.replaceChildren(...this.#pattern(), ...this.#section("rover", "Rover"), ...this.#section("fleet", "Fleet"));
+    this.page.replaceChildren(...made.childNodes);
     this.page.querySelectorAll("details").forEach((details, index) => (details.open = open[index] ?? false));
     if (focused && this.page.querySelector(`#${CSS.escape(focused)}`)) document.getElementById(focused)?.focus();
   }
@@ -101,6 +106,29 @@ export class Settings {
       document.planner[name] = values[name];
     });
   }
+}
+
+/** @param {HTMLElement} page @returns {HTMLInputElement[]} */
+function inputsOf(page) {
+  return [...page.querySelectorAll("input, select")].map((input) => /** @type {HTMLInputElement} */ (input));
+}
+
+/** @param {HTMLElement} page */
+function idsOf(page) {
+  return inputsOf(page).map((input) => input.id).join(" ");
+}
+
+/**
+ * Give a shown input the state of one that was made for the document, unless something is being typed there.
+ * @param {HTMLInputElement} shown
+ * @param {HTMLInputElement} made
+ */
+function update(shown, made) {
+  const isTyped = shown === document.activeElement && shown.matches("input") && shown.value !== shown.defaultValue;
+  if (shown.type === "checkbox") shown.checked = made.checked;
+  else if (!isTyped) shown.value = made.value;
+  shown.defaultValue = made.defaultValue;
+  if (!isTyped) shown.removeAttribute("aria-invalid");
 }
 
 /** @param {string} title @param {HTMLElement[]} rows */
