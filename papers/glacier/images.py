@@ -30,7 +30,7 @@ from sim.world.fine_terrain import fine_terrain
 from survey.core import FloatArray, Progress, replacing, stream
 from survey.data.frames import Image, read_image
 from survey.data.grid import Grid
-from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
+from survey.figures.style import CLAIM, DPI, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
 from survey.terrain.random_fields import squared_exponential_field
 
 Mask = npt.NDArray[np.bool_]
@@ -322,6 +322,8 @@ _CHOOSING_SEED, _JUDGING_SEED = 300, 400
 # Rows of the photographs that show the glacier and its debris, as shares of the height.
 _GLACIER_ROWS = {"cam1": (0.45, 1.0), "cam2": (0.40, 0.85)}
 _PATCH_PX = 160
+# Noise in images makes large files.
+_IMAGES_DPI = 100
 _GRID: dict[str, tuple[float, ...]] = {
     "contrast": (1.0, 1.3, 1.6),
     "sky_share": (0.5, 0.75, 1.0),
@@ -343,7 +345,7 @@ def compare_with_photographs(folder: Path, *, quick: bool, progress: Progress) -
     values, images = _rendered(best, _JUDGING_SEED, 2 if quick else 6)
     rows = list(verdicts(values, spreads[JUDGED_ON]))
     write_rows(folder / "photographs.csv", rows)
-    _write_figure(folder / "photographs.png", photographs_figure(found[JUDGED_ON], images))
+    _write_figure(folder / "photographs.png", photographs_figure(found[JUDGED_ON], images), _IMAGES_DPI)
     return {
         "compared": True,
         "chosen": best,
@@ -469,7 +471,7 @@ def glacier_fig4(folder: Path, *, quick: bool, progress: Progress) -> None:
     lengths = list(_baseline_rows(scenes, 1 if quick else 2, progress))
     write_rows(folder / "match_length.csv", lengths)
     _write_figure(folder / "clahe.png", clahe_figure(rows, lengths))
-    _write_figure(folder / "snow.png", snow_figure(scenes))
+    _write_figure(folder / "snow.png", snow_figure(scenes), _IMAGES_DPI)
     summary = {
         "local contrast": {name: round(scene.ground_contrast(), 4) for name, scene in scenes.items()},
         "gain in correct matches": gains(rows),
@@ -621,6 +623,6 @@ def _rows_of_images(n_rows: int) -> tuple[Figure, Any]:
     return figure, rows
 
 
-def _write_figure(path: Path, figure: Figure) -> None:
+def _write_figure(path: Path, figure: Figure, dpi: int = DPI) -> None:
     with replacing(path) as draft:
-        draft.write_bytes(png_bytes(figure))
+        draft.write_bytes(png_bytes(figure, dpi))
