@@ -265,8 +265,8 @@ class Track:
     """
 
     pixel: FloatArray
-    keyframes: list[int] = field(default_factory=list)
-    rays: list[FloatArray] = field(default_factory=list)
+    keyframes: list[int]
+    rays: FloatArray
     homogeneous: FloatArray | None = None
     nearness_sigma: float = np.inf
     is_near: bool = False
@@ -275,6 +275,7 @@ class Track:
 
     def __post_init__(self) -> None:
         self.rest_pixel = self.pixel
+        self.rays = self._room = np.array(self.rays).reshape(-1, 3)
 
     @property
     def point(self) -> FloatArray | None:
@@ -287,8 +288,12 @@ class Track:
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""
+        n = len(self.keyframes)
+        if n == len(self._room):  # rays lie side by side, with room for as many again
+            self._room = np.concatenate([self._room, np.empty_like(self._room)])
+        self._room[n] = ray
         self.keyframes.append(keyframe)
-        self.rays.append(ray)
+        self.rays = self._room[: n + 1]
 
 
 def track_corners(
