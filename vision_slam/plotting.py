@@ -73,7 +73,7 @@ def tracked_pixels(
         slam.step(frames[index], times[index], motion)
     tracks = [track for track in slam.live_tracks if len(track.rays) > 1]
     ways = [
-        np.vstack([camera.project(track.rays[-_N_DRAWN:]), track.pixel[None]]) for track in tracks
+        np.vstack([camera.project(np.array(track.rays[-_N_DRAWN:])), track.pixel[None]]) for track in tracks
     ]
     return ways, sum(track.is_near for track in tracks)
 

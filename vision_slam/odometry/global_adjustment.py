@@ -500,7 +500,7 @@ class DriveTracks(NamedTuple):
         for track in tracks:
             for first in range(0, len(track.rays), _MOST_SIGHTS):
                 part = slice(first, first + _MOST_SIGHTS)
-                parts.append((np.asarray(track.keyframes[part]), track.rays[part]))
+                parts.append((np.asarray(track.keyframes[part]), np.asarray(track.rays[part])))
         parts = _longest(parts, len(eyes))
         counts = [len(keyframe) for keyframe, _ in parts]
         none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))

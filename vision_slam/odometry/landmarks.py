@@ -35,7 +35,7 @@ class EndedTrack(NamedTuple):
     def of(cls, track: Track) -> "EndedTrack":
         """Return the observations of a track in less memory."""
         return cls(
-            np.array(track.keyframes, dtype=np.int64), track.rays.copy(), track.is_far
+            np.array(track.keyframes, dtype=np.int64), np.array(track.rays).reshape(-1, 3), track.is_far
         )
 
 
@@ -89,7 +89,7 @@ class LandmarkTriangulator:
         eyes = poses @ self._T_body_camera
         for row, track in enumerate(tracks):
             eye = eyes[track.keyframes]
-            rays[row, : len(eye)] = np.einsum("nij,nj->ni", eye[:, :3, :3], track.rays)
+            rays[row, : len(eye)] = np.einsum("nij,nj->ni", eye[:, :3, :3], np.array(track.rays))
             places[row, : len(eye)], there[row, : len(eye)] = eye[:, :3, 3], True
         return rays, places, there
 
@@ -223,7 +223,7 @@ class FarFeatures:
             keyframes = np.array(track.keyframes)
             is_used = keyframes % _EVERY == 0
             if is_used.sum() >= _LEAST_BEARINGS:
-                self._sights.append((keyframes[is_used], track.rays[is_used]))
+                self._sights.append((keyframes[is_used], np.array(track.rays)[is_used]))
 
     def drift_rad(self, turn: FloatArray, place: FloatArray, of_frame: IntArray) -> FloatArray:
         """Return the heading drift of visual odometry since the first image [rad].

@@ -265,8 +265,8 @@ class Track:
     """
 
     pixel: FloatArray
-    keyframes: list[int]
-    rays: FloatArray
+    keyframes: list[int] = field(default_factory=list)
+    rays: list[FloatArray] = field(default_factory=list)
     homogeneous: FloatArray | None = None
     nearness_sigma: float = np.inf
     is_near: bool = False
@@ -275,7 +275,6 @@ class Track:
 
     def __post_init__(self) -> None:
         self.rest_pixel = self.pixel
-        self.rays = self._room = np.array(self.rays).reshape(-1, 3)
 
     @property
     def point(self) -> FloatArray | None:
@@ -288,12 +287,8 @@ class Track:
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""
-        n = len(self.keyframes)
-        if n == len(self._room):  # rays lie side by side, with room for as many again
-            self._room = np.concatenate([self._room, np.empty_like(self._room)])
-        self._room[n] = ray
         self.keyframes.append(keyframe)
-        self.rays = self._room[: n + 1]
+        self.rays.append(ray)
 
 
 def track_corners(
@@ -312,7 +307,7 @@ def track_corners(
         criteria=ends, minEigThreshold=1e-5,
     )  # fmt: skip
     back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-        now, before, forth, pixels.copy(), winSize=(17, 17), maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        now, before, forth, pixels.copy(), winSize=(17, 17), maxLevel=0, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=ends, minEigThreshold=1e-5,
     )  # fmt: skip
     height, width = now.shape

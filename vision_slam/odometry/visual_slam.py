@@ -369,7 +369,7 @@ class VisualSlam:
         fresh = self._detect(enhanced, taken, n_missing)
         for pixel, ray in zip(fresh, self._rays(fresh), strict=True):
             if ray[2] > 0.2:
-                self._tracks.append(Track(pixel, [self.window.newest], ray[None]))
+                self._tracks.append(Track(pixel, [self.window.newest], [ray]))
 
     def _report(self, time_s: float, health: FrameHealth) -> FramePose:
         relative = np.linalg.inv(self.window.poses[-1]) @ self._pose

@@ -116,13 +116,12 @@ class Window:
         first = np.searchsorted(numbers, [track.keyframes[0] for track in tracks])
         seen = np.flatnonzero(first < len(numbers) - 1).tolist()
         n_anchors = sum(self.newest - number >= len(numbers) - k for k, number in enumerate(numbers))
-        rays = [np.zeros((0, 3))]
+        rays: list[FloatArray] = []
         for j in seen:
             track, begin, k = tracks[j], tracks[j].keyframes[0], first[j]
-            if k < n_anchors:
-                rays.append(track.rays[[anchor - begin for anchor in numbers[k:n_anchors]]])
-            rays.append(track.rays[numbers[max(k, n_anchors)] - begin :])
-        ray = np.concatenate(rays)
+            rays += [track.rays[anchor - begin] for anchor in numbers[k:n_anchors]]
+            rays += track.rays[numbers[max(k, n_anchors)] - begin :]
+        ray = np.concatenate(rays).reshape(-1, 3) if rays else np.zeros((0, 3))
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
         weight = ray[:, 2] ** 1.5 * self._focal_px / self.pixel_sigma
         counts = len(numbers) - first[seen]

@@ -24,7 +24,7 @@ def _ridge(camera: Camera, bearing_deg: float, distance_m: float, rng: np.random
     rays = (point - PLACE[seen]) @ camera.T_body_camera[:3, :3]
     rays[:, :2] += rays[:, 2:] * rng.normal(0.0, 0.3 / camera.matrix[0, 0], (len(seen), 2))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return Track(np.zeros(2), seen.tolist(), rays, is_far=True)
+    return Track(np.zeros(2), seen.tolist(), list(rays), is_far=True)
 
 
 def _drift(camera: Camera, tracks: list[Track]) -> FloatArray:
@@ -60,5 +60,5 @@ def test_ground_and_corners_seen_for_a_moment_say_nothing(camera: Camera) -> Non
     near, short, low = (_ridge(camera, 20.0, 6000.0, rng) for _ in range(3))
     near.is_far = False
     short.keyframes, short.rays = short.keyframes[:50], short.rays[:50]
-    low.rays = low.rays + camera.T_body_camera[:3, :3].T @ [0.0, 0.0, -0.06]
+    low.rays = [ray + camera.T_body_camera[:3, :3].T @ [0.0, 0.0, -0.06] for ray in low.rays]
     np.testing.assert_array_equal(_drift(camera, [near, short, low]), np.zeros(N))

@@ -53,7 +53,7 @@ def _tracks(real: Camera, poses: FloatArray, read_by: Camera = _GIVEN, noise_px:
         inside = (local[:, 2] > 3.0) & ((pixel > 0) & (pixel < [1239, 375])).all(axis=1)
         for index in np.flatnonzero(inside):
             seen[index].append((k, read_by.rays(pixel[index : index + 1])[0]))
-    return [Track(np.zeros(2), [k for k, _ in rows], np.array([ray for _, ray in rows])) for rows in seen if rows]
+    return [Track(np.zeros(2), [k for k, _ in rows], [ray for _, ray in rows]) for rows in seen if rows]
 
 
 def _unknown(poses: FloatArray) -> list[RelativeMotion]:

@@ -36,7 +36,7 @@ def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None
         window.add(guess, RelativeMotion(0.25, step[:3, :3], float(np.linalg.norm(step[:3, 3]))))
     rays = np.concatenate([plane, np.ones((4, 40, 1))], axis=2)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    tracks = [Track(np.zeros(2), [0, 1, 2, 3], rays[:4, j]) for j in range(40)]
+    tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
     for _ in range(4):
         window.solve(tracks)
 
@@ -95,7 +95,7 @@ def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
     window.begin(real[0])
     for pose in real[1:]:
         window.add(pose.copy(), RelativeMotion(0.25, np.eye(3), 0.25))
-    tracks = [Track(np.zeros(2), [0, 1, 2, 3], rays[:4, j]) for j in range(40)]
+    tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
     agree = window.solve(tracks)
     # All else is exact: what the leaping corners bend shows in full.
     assert max(np.abs(found - pose).max() for found, pose in zip(window.poses, real, strict=True)) < 1e-4
@@ -110,7 +110,7 @@ def _seen_from(camera: Camera, real: list[FloatArray], points: FloatArray, noise
     rays /= rays[:, :, 2:]
     rays[:, :, :2] += noise * rng.standard_normal(rays[:, :, :2].shape)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    return [Track(np.zeros(2), list(range(len(real))), np.array([ray[j] for ray in rays])) for j in range(len(points))]
+    return [Track(np.zeros(2), list(range(len(real))), [ray[j] for ray in rays]) for j in range(len(points))]
 
 
 def test_facades_above_the_horizon_get_their_distance_and_ridges_are_directions(camera: Camera) -> None:
@@ -167,6 +167,6 @@ def test_a_horizon_that_turns_with_the_camera_is_given_up_and_leaves_the_pose_to
     window.add(measured.copy(), RelativeMotion(0.25, measured[:3, :3], 0.25))
     ahead = np.column_stack([np.ones(20), 0.005 * np.arange(20), np.full(20, 0.05)])
     rays = ahead / np.linalg.norm(ahead, axis=1, keepdims=True) @ camera.T_body_camera[:3, :3]
-    agree = window.solve([Track(np.zeros(2), [0, 1], np.array([ray, ray])) for ray in rays])
+    agree = window.solve([Track(np.zeros(2), [0, 1], [ray, ray]) for ray in rays])
     np.testing.assert_allclose(window.poses[1], measured, atol=1e-12)
     assert sum(agree) < 10
