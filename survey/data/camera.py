@@ -128,20 +128,22 @@ class Camera(DataObject):
         (N, 2) ndarray
             Column and row [pixels]; NaN for points behind the camera.
         """
-        import cv2
-
         points = np.asarray(xyz_camera, dtype=np.float64).reshape(-1, 3)
         pixels = np.full((len(points), 2), np.nan)
         ahead = points[:, 2] > 1e-9
         if ahead.any():
-            seen = np.ascontiguousarray(points[ahead, None, :])
-            zero = np.zeros(3)
-            if self.model == "fisheye":
-                found, _ = cv2.fisheye.projectPoints(seen, zero, zero, self.matrix, self.distortion)
-            else:
-                found, _ = cv2.projectPoints(seen, zero, zero, self.matrix, self.distortion)
-            pixels[ahead] = np.asarray(found).reshape(-1, 2)
+            pixels[ahead] = self._shown(points[ahead])
         return pixels
+
+    def _shown(self, points: FloatArray) -> FloatArray:
+        """Return the pixels (N, 2) of points (N, 3) ahead of the camera."""
+        plane = points[:, :2] / points[:, 2:]
+        if self.model == "fisheye":
+            plane = _bent(plane, self.distortion)
+        elif self.distortion.any():
+            plane = _distorted(plane, self.distortion)
+        shown: FloatArray = plane * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+        return shown
 
     def rays(self, uv: FloatArray) -> FloatArray:
         """Return the viewing directions of pixels.
@@ -166,14 +168,13 @@ class Camera(DataObject):
 
     def _plane(self, pixels: FloatArray) -> FloatArray:
         """Return where the rays of pixels (N, 2) meet the plane z = 1."""
-        import cv2
-
-        seen = np.ascontiguousarray(pixels[:, None])
         if self.model == "fisheye":
+            import cv2
+
+            seen = np.ascontiguousarray(pixels[:, None])
             plane = cv2.fisheye.undistortPoints(seen, self.matrix, self.distortion)
             return np.asarray(plane, dtype=np.float64).reshape(-1, 2)
-        plane = cv2.undistortPoints(seen, self.matrix, np.zeros(5))
-        return undistort(np.asarray(plane, dtype=np.float64).reshape(-1, 2), self.distortion)
+        return undistort((pixels - self.matrix[:2, 2]) / np.diag(self.matrix)[:2], self.distortion)
 
     def scaled(self, factor: float) -> "Camera":
         """Return the same lens with another resolution.
@@ -261,6 +262,7 @@ class Camera(DataObject):
 
 _N_ITERATIONS = 50
 _CONVERGED = 1e-11  # of the plane z = 1
+_ON_AXIS = 1e-8
 
 
 def undistort(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
@@ -279,8 +281,8 @@ def undistort(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
     limit, active = fold_radius(coefficients), np.arange(len(plane))
     with np.errstate(all="ignore"):
         for _ in range(_N_ITERATIONS):
-            shown, slope = _distorted(found[active], coefficients)
-            off = plane[active] - shown
+            off = plane[active] - _distorted(found[active], coefficients)
+            slope = _distortion_slope(found[active], coefficients)
             found[active] += np.linalg.solve(_regular(slope), off[:, :, None])[:, :, 0]
             active = active[~(np.abs(off).max(axis=1) < _CONVERGED)]
             if not len(active):
@@ -304,25 +306,42 @@ def fold_radius(coefficients: FloatArray) -> float:
     return float(np.sqrt(real.min())) if len(real) else np.inf
 
 
-def _distorted(plane: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the distorted points (N, 2), and how they change with the undistorted ones (N, 2, 2)."""
+def _bent(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Return the points (N, 2) of the plane z = 1 as a fisheye lens shows them, by a polynomial of their angle (Kannala and Brandt 2006)."""
+    k1, k2, k3, k4 = coefficients.tolist()
+    radius = np.hypot(*plane.T)
+    angle = np.arctan(radius)
+    s = angle**2
+    shown = angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+    return plane * np.divide(shown, radius, out=np.ones_like(radius), where=radius > _ON_AXIS)[:, None]
+
+
+def _distorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Return the points (N, 2) of the plane z = 1 after distortion: radial and tangential polynomials of Brown (1966)."""
     k1, k2, p1, p2, k3 = coefficients.tolist()
     x, y = plane.T
     s = x**2 + y**2
     radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-    by_s = 2.0 * (k1 + s * (2.0 * k2 + 3.0 * s * k3))
-    shown = np.column_stack(
+    return np.column_stack(
         [
             x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x**2),
             y * radial + p1 * (s + 2.0 * y**2) + 2.0 * p2 * x * y,
         ]
     )
-    across = by_s * x * y + 2.0 * (p1 * x + p2 * y)
+
+
+def _distortion_slope(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Return how distorted points change with the undistorted ones (N, 2, 2)."""
+    k1, k2, p1, p2, k3 = coefficients.tolist()
+    x, y = plane.T
+    s = x**2 + y**2
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    by_s = 2.0 * (k1 + s * (2.0 * k2 + 3.0 * s * k3))
     slope = np.empty((len(plane), 2, 2))
     slope[:, 0, 0] = radial + by_s * x**2 + 2.0 * p1 * y + 6.0 * p2 * x
     slope[:, 1, 1] = radial + by_s * y**2 + 6.0 * p1 * y + 2.0 * p2 * x
-    slope[:, 0, 1] = slope[:, 1, 0] = across
-    return shown, slope
+    slope[:, 0, 1] = slope[:, 1, 0] = by_s * x * y + 2.0 * (p1 * x + p2 * y)
+    return slope
 
 
 def _regular(slope: FloatArray) -> FloatArray:

@@ -158,37 +158,44 @@ def eliminate_points(  # noqa: PLR0917
     g_pose: FloatArray,
     g_lens: FloatArray,
 ) -> None:
-    """Subtract from the equations of poses and lens what the points take up, whose blocks have an `inverse` (J, 3, 3)."""
-    solved = np.zeros((6, 3))
+    """Subtract from the equations of poses and lens what the points take up, whose blocks have an `inverse` (J, 3, 3).
+
+    Three rows of length 6 stand for the solved block of an observation, so that the inner loop runs over neighbours in memory.
+    """
+    by_u, by_v, by_rho = np.zeros(6), np.zeros(6), np.zeros(6)
     for j in range(len(first) - 1):
-        solved_lens = lens_point[j] @ inverse[j]
+        own = inverse[j]
+        solved_lens = lens_point[j] @ own
         for p in range(3):
             for r in range(3):
                 g_lens[p] -= solved_lens[p, r] * g_own[j, r]
                 for q in range(3):
                     lens[p, q] -= solved_lens[p, r] * lens_point[j, q, r]
         for n in range(first[j], first[j + 1]):
-            k = keyframe[n]
+            row = 6 * keyframe[n]
             for p in range(6):
-                for r in range(3):
-                    solved[p, r] = (
-                        pose_point[n, p, 0] * inverse[j, 0, r]
-                        + pose_point[n, p, 1] * inverse[j, 1, r]
-                        + pose_point[n, p, 2] * inverse[j, 2, r]
+                u, v, rho = pose_point[n, p, 0], pose_point[n, p, 1], pose_point[n, p, 2]
+                by_u[p] = u * own[0, 0] + v * own[1, 0] + rho * own[2, 0]
+                by_v[p] = u * own[0, 1] + v * own[1, 1] + rho * own[2, 1]
+                by_rho[p] = u * own[0, 2] + v * own[1, 2] + rho * own[2, 2]
+                g_pose[row + p] -= by_u[p] * g_own[j, 0] + by_v[p] * g_own[j, 1] + by_rho[p] * g_own[j, 2]
+                for q in range(3):
+                    pose_lens[row + p, q] -= (
+                        by_u[p] * lens_point[j, q, 0]
+                        + by_v[p] * lens_point[j, q, 1]
+                        + by_rho[p] * lens_point[j, q, 2]
                     )
-                for r in range(3):
-                    g_pose[6 * k + p] -= solved[p, r] * g_own[j, r]
-                    for q in range(3):
-                        pose_lens[6 * k + p, q] -= solved[p, r] * lens_point[j, q, r]
-            for m in range(first[j], n + 1):
+            for m in range(first[j], n):
                 column = 6 * keyframe[m]
                 for q in range(6):
-                    for p in range(0 if m < n else q, 6):
-                        band[column + q, 6 * k + p - column - q] -= (
-                            solved[p, 0] * pose_point[m, q, 0]
-                            + solved[p, 1] * pose_point[m, q, 1]
-                            + solved[p, 2] * pose_point[m, q, 2]
-                        )
+                    u, v, rho = pose_point[m, q, 0], pose_point[m, q, 1], pose_point[m, q, 2]
+                    below = band[column + q, row - column - q : row - column - q + 6]
+                    for p in range(6):
+                        below[p] -= by_u[p] * u + by_v[p] * v + by_rho[p] * rho
+            for q in range(6):
+                u, v, rho = pose_point[n, q, 0], pose_point[n, q, 1], pose_point[n, q, 2]
+                for p in range(q, 6):
+                    band[row + q, p - q] -= by_u[p] * u + by_v[p] * v + by_rho[p] * rho
 
 
 @njit(cache=True)

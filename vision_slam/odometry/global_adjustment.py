@@ -34,7 +34,8 @@ _BEHIND = 1e4  # squared error of a point behind the camera
 _HELD_INFORMATION = 1e10  # of the first pose, of the unit of length, and of what the prior excludes
 _SMALLEST = 1e-9
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e-9, 1e6
-_ENOUGH = 2e-4  # largest step of a pose, as a share of the path, at which the adjustment ends
+# Largest step of a pose, as a share of the path, at which the adjustment ends; and where only the error of a pixel is asked for.
+_ENOUGH, _ROUGHLY = 2e-4, 5e-3
 _N_ITERATIONS = 30
 _EXTREME = np.array([0.7, 2.0, 2.0])
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL = 0.2, 3.0
@@ -199,13 +200,15 @@ class GlobalAdjustment:
         )
         self._n_band = int(max(np.max(spans), 2))
 
-    def solve(self, start: Geometry, n_iterations: int = _N_ITERATIONS) -> Adjusted:
-        """Adjust from initial poses, points and lens."""
+    def solve(
+        self, start: Geometry, n_iterations: int = _N_ITERATIONS, enough: float = _ENOUGH
+    ) -> Adjusted:
+        """Adjust from initial poses, points and lens, until no pose moves by more than a share of the path."""
         state, damping = start, _DAMPING
         costs, rest = self.costs(state), self._other_cost(state)
         length = np.linalg.norm(np.diff(start.poses[:, :3, 3], axis=0), axis=1).sum()
         n, moved = 0, np.inf
-        while n < n_iterations and moved > _ENOUGH and damping < _MOST_DAMPING:
+        while n < n_iterations and moved > enough and damping < _MOST_DAMPING:
             equations, n = self._linearized(state), n + 1
             while damping < _MOST_DAMPING:
                 trial = self._moved(state, equations, damping)
@@ -560,7 +563,7 @@ def adjusted_path(
         return None
     factors = MotionFactors.of(poses, motions, config)
     first = GlobalAdjustment(camera, drive.seen, config.pixel_sigma, np.zeros(3), factors)
-    start = first.solve(drive.geometry(UNCHANGED)).geometry
+    start = first.solve(drive.geometry(UNCHANGED), enough=_ROUGHLY).geometry
     adjustment = GlobalAdjustment(camera, drive.seen, first.pixel_error(start), np.zeros(3), factors)
     return AdjustedPath.of(adjustment, adjustment.solve(start).geometry, camera)
 
