@@ -3,7 +3,7 @@
 Where points are dense, triangles may err as little as the Gaussian process, at a hundredth of its cost. `compare_methods`
 leaves out up to 1,000 points and predicts them from the points around them, by triangles and by the likeliest kernel; by
 a simple one alone where that errs far less than triangles do.
-Triangles are taken where their error, less the noise of the points left out, is at most 1.02 times that of the kernel, and
+Triangles are taken where their error, less the noise of the points left out, is at most 1.06 times that of the kernel, and
 where the nodes lie no farther from points than those that were left out.
 
 `MethodChoice.recorded` adds what the surface does between points to the deviation of triangles: the excess of the squared
@@ -27,7 +27,7 @@ from survey.reconstruction.observations import Observations
 from survey.reconstruction.terrain_map import ELEVATION, INTERPOLATED, METHOD_CHOICE, Reconstruction
 
 # Ratio of errors that counts as equal, most points left out and their share, and points that predict each.
-_AS_GOOD, _MOST_LEFT_OUT, _SHARE_LEFT_OUT, _N_AROUND = 1.02, 1000, 0.1, 80
+_AS_GOOD, _MOST_LEFT_OUT, _SHARE_LEFT_OUT, _N_AROUND = 1.06, 1000, 0.1, 80
 # Ratio of errors beyond which no other kernel is fitted.
 _FAR_BETTER = 1.3
 # Share of the nodes that may lie farther from points than nearly all that were left out; ranges of that distance.

@@ -39,6 +39,7 @@ _ENOUGH, _ROUGHLY = 2e-4, 5e-3
 _N_ITERATIONS = 30
 _EXTREME = np.array([0.7, 2.0, 2.0])
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL = 0.2, 3.0
+_SIGNIFICANT = 2.0  # standard deviations of an inverse depth
 _N_DRAWN = 200  # errors; a standard deviation is known to 5 %
 # Corners creep together, which independent pixel errors do not describe: lenses of two drives with cameras of one make
 # differ by so many of their formal standard deviations. The prior of the lens counts as much more beside them.
@@ -312,13 +313,23 @@ class GlobalAdjustment:
 
     def _add_motions(self, band: FloatArray, g_pose: FloatArray, state: Geometry) -> None:
         """Add turns by gyro and steps by wheels, these with the weight that Cauchy's loss leaves them."""
+        slope, weight, off = self._motion_equations(state)
+        n = len(slope)
+        blocks = np.einsum("kri,kr,krj->kij", slope, weight, slope)
+        gradient = -np.einsum("kri,kr,kr->ki", slope, weight, off)
+        for row in range(12):
+            g_pose[row : row + 6 * n : 6] += gradient[:, row]
+            for column in range(row + 1):
+                band[column : column + 6 * n : 6, row - column] += blocks[:, row, column]
+
+    def _motion_equations(self, state: Geometry) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return how turns and steps change with both poses (K - 1, 6, 12), their weights (K - 1, 6) and errors (K - 1, 6)."""
         turn_off, step_off = self._motion_errors(state)
         turn, place = self._bodies(state.poses)
-        n = len(turn) - 1
         relative = turn[:-1].transpose(0, 2, 1) @ turn[1:]
         back = turn[:-1].transpose(0, 2, 1)
         step = np.einsum("kij,kj->ki", back, np.diff(place, axis=0))
-        slope = np.zeros((n, 6, 12))
+        slope = np.zeros((len(step), 6, 12))
         slope[:, :3, 0:3] = -relative.transpose(0, 2, 1) @ self._turn
         slope[:, :3, 6:9] = self._turn
         swing = _skew(self._lever[None])[0]
@@ -326,15 +337,14 @@ class GlobalAdjustment:
         slope[:, 3:, 3:6] = -back
         slope[:, 3:, 6:9] = -back @ state.poses[1:, :3, :3] @ swing
         slope[:, 3:, 9:12] = back
-        sigma = np.hstack([self._motions.turn_sigma_rad, self._motions.step_sigma_m])
+        sigma = self._motion_sigma
         weight = np.hstack([np.ones_like(turn_off), 1.0 / (1.0 + (step_off / _OUTLYING) ** 2)]) / sigma**2
-        off = np.hstack([turn_off, step_off]) * sigma
-        blocks = np.einsum("kri,kr,krj->kij", slope, weight, slope)
-        gradient = -np.einsum("kri,kr,kr->ki", slope, weight, off)
-        for row in range(12):
-            g_pose[row : row + 6 * n : 6] += gradient[:, row]
-            for column in range(row + 1):
-                band[column : column + 6 * n : 6, row - column] += blocks[:, row, column]
+        return slope, weight, np.hstack([turn_off, step_off]) * sigma
+
+    @property
+    def _motion_sigma(self) -> FloatArray:
+        """Standard deviations of turns [rad] and steps (K - 1, 6)."""
+        return np.hstack([self._motions.turn_sigma_rad, self._motions.step_sigma_m])
 
     def _hold(self, band: FloatArray, state: Geometry) -> None:
         """Hold the first pose, and without wheels the distance from it to the farthest keyframe of the first tracks."""
@@ -389,7 +399,7 @@ class GlobalAdjustment:
         return _Factor(chol, of_lens, lens - pose_lens.T @ of_lens, inverse, g_pose, g_lens)
 
     def errors(self, state: Geometry) -> tuple[FloatArray, FloatArray]:
-        r"""Draw errors of poses (S, K, 6), rotation and translation, and of the lens (S, 3), as the scatter of the tracks has them.
+        r"""Draw errors of poses (S, K, 6), rotation and translation, and of the lens (S, 3), by tracks, motions and the prior of the lens.
 
         Errors of one track are correlated: a corner creeps while it is followed. With the gradient s_j of track j, signs
         ε_j = ±1 drawn for each of them, and the matrix H of the normal equations,
@@ -397,8 +407,10 @@ class GlobalAdjustment:
         .. math:: δ = H^{-1} Σ_j ε_j s_j
 
         has the covariance :math:`H^{-1} Σ_j s_j s_j^T H^{-1}`, which is right whatever the correlation within a track (Liang and
-        Zeger 1986). The prior of the lens adds its own error.
+        Zeger 1986). Turns, steps and the prior of the lens add errors of their own standard deviations: where images do not show
+        a step, as in a turn on the spot, it is as uncertain as nothing else says.
         """
+        state = self._with_far_points(state)
         equations = self._linearized(state)
         factor = self._factorized(equations, 0.0)
         if factor is None:
@@ -410,12 +422,35 @@ class GlobalAdjustment:
             self._seen.first, self._seen.keyframe, factor.inverse, equations.g_own, equations.lens_point,
             equations.pose_point, equations.g_of_pose, equations.g_of_lens, sign, drawn,
         )  # fmt: skip
+        drawn[:-3] += self._drawn_motions(state, random)
         by_prior = random.standard_normal((3, _N_DRAWN)) * np.sqrt(self._prior)[:, None]
         drawn[-3:] += _CORRELATED * by_prior * self._is_free[:, None]
         lens = np.linalg.solve(factor.lens, drawn[-3:] - factor.of_lens.T @ drawn[:-3])
         poses = cho_solve_banded((factor.band, True), drawn[:-3], check_finite=False) - factor.of_lens @ lens
         by_draw: FloatArray = np.asarray(poses, dtype=np.float64).T.reshape(_N_DRAWN, -1, 6)
         return by_draw, np.asarray(lens, dtype=np.float64).T
+
+    def _with_far_points(self, state: Geometry) -> Geometry:
+        """Return the geometry with points at infinity whose inverse depth is not significantly above 0.
+
+        Their noise would otherwise count as parallax, by which a step seems to be known.
+        """
+        own = self._linearized(state).own
+        own[:, [0, 1, 2], [0, 1, 2]] += _SMALLEST
+        sigma = np.sqrt(np.linalg.inv(own)[:, 2, 2])
+        points = state.points.copy()
+        points[points[:, 2] < _SIGNIFICANT * sigma, 2] = 0.0
+        return state._replace(points=points)
+
+    def _drawn_motions(self, state: Geometry, random: np.random.Generator) -> FloatArray:
+        """Return the gradient by the poses (6 K, S) of drawn errors of turns and steps."""
+        slope, weight, _ = self._motion_equations(state)
+        errors = random.standard_normal((*weight.shape, _N_DRAWN)) * (weight * self._motion_sigma)[..., None]
+        gradient = slope.transpose(0, 2, 1) @ errors
+        drawn = np.zeros((len(state.poses), 6, _N_DRAWN))
+        drawn[:-1] += gradient[:, :6]
+        drawn[1:] += gradient[:, 6:]
+        return drawn.reshape(-1, _N_DRAWN)
 
 
 def _moved_points(points: FloatArray, shift: FloatArray) -> FloatArray:

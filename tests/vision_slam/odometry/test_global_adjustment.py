@@ -37,9 +37,12 @@ def _path() -> FloatArray:
 
 
 def _points(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Points on the ground, on façades 12 m to either side, and on a ridge 8 km away."""
-    n = 2500
-    at = poses[rng.integers(0, len(poses), 2 * n)]
+    """Points on the ground and on façades 12 m to either side, up to 38 m beyond the last pose, and on a ridge 8 km away."""
+    n = 2800
+    beyond = np.repeat(poses[-1:], 25, axis=0)
+    beyond[:, :3, 3] += 1.5 * np.arange(1, 26)[:, None] * poses[-1, :3, 0]
+    every = np.concatenate([poses, beyond])
+    at = every[rng.integers(0, len(every), 2 * n)]
     aside = np.r_[rng.uniform(-8.0, 8.0, n), rng.choice([-12.0, 12.0], n)]
     local = np.column_stack(
         [rng.uniform(0.0, 1.5, 2 * n), aside, np.r_[np.full(n, -1.6), rng.uniform(0.0, 8.0, n)]]
@@ -107,9 +110,6 @@ def test_scale_that_crept_in_turns_is_found_with_the_lens() -> None:
     assert absolute_errors_m(path.poses[:, :3, 3], real[:, :3, 3], "sim3").mean() < 0.6
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the scatter of the tracks alone claims too little: NEES of the end is 117, 3 is true"
-)
 def test_the_covariance_covers_the_error_of_an_adjusted_path() -> None:
     real = _path()
     path = adjusted_path(_REAL, _bent(real), _tracks(real, _REAL), _motions(10), _CONFIG)
@@ -118,6 +118,21 @@ def test_the_covariance_covers_the_error_of_an_adjusted_path() -> None:
     nees = np.einsum("ni,ni->n", error, np.linalg.solve(path.covariance[1:], error[:, :, None])[..., 0])
     assert 0.1 < nees[-1] < 14.2  # χ² with 3 degrees
     assert 0.3 < nees.mean() < 9.0
+
+
+def test_a_step_that_no_corner_shows_is_as_uncertain_as_its_guess() -> None:
+    real = _path()
+    parts = [
+        EndedTrack(track.keyframes[side], track.rays[side], False)
+        for track in _tracks(real, _REAL)
+        for side in (track.keyframes < 100, track.keyframes >= 100)
+        if np.count_nonzero(side) >= 3
+    ]
+    path = adjusted_path(_REAL, real, parts, _motions(10), _CONFIG)
+    assert path is not None
+    sigma_m = np.sqrt(np.einsum("kii->k", path.covariance))
+    assert sigma_m[99] < 1.0
+    assert sigma_m[100] > 3.0  # of a step of 1.5 m
 
 
 def test_without_wheels_the_shape_is_found_and_the_size_stays() -> None:
