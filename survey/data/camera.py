@@ -313,7 +313,9 @@ def _bent(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
     angle = np.arctan(radius)
     s = angle**2
     shown = angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
-    return plane * np.divide(shown, radius, out=np.ones_like(radius), where=radius > _ON_AXIS)[:, None]
+    factor = np.divide(shown, radius, out=np.ones_like(radius), where=radius > _ON_AXIS)
+    bent: FloatArray = plane * factor[:, None]
+    return bent
 
 
 def _distorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
