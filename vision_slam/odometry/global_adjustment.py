@@ -428,9 +428,7 @@ class GlobalAdjustment:
 
         Their noise would otherwise count as parallax, by which a step seems to be known.
         """
-        own = self._linearized(state).own
-        own[:, [0, 1, 2], [0, 1, 2]] += _SMALLEST
-        sigma = np.sqrt(np.linalg.inv(own)[:, 2, 2])
+        sigma = np.sqrt(np.linalg.inv(self._linearized(state).own + _SMALLEST * np.eye(3))[:, 2, 2])
         points = state.points.copy()
         points[points[:, 2] < _SIGNIFICANT * sigma, 2] = 0.0
         return state._replace(points=points)
