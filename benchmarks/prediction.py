@@ -5,7 +5,7 @@
 Windows are those of `benchmarks.promise_on_real_ground`. Each is surveyed along 4, 8 and 16 lines, and mapped by `reconstruct`
 with two priors: exact means over cells with white and common errors, and what a product would show, smoothed, shifted and with
 correlated errors. The settings of the prediction were chosen on eleven landscapes, whose rows have no bars; the landslide slope
-is fresh. A wish for an error is tried at eleven multiples of the predicted one. Parts are stored; about an hour of CPU.
+is fresh. A wish for an error is tried at eleven multiples of the predicted one. Parts are stored; about 35 minutes of CPU.
 """
 
 import sys
