@@ -1,4 +1,4 @@
-"""Drives that all programs get: recorded streets, and simulated snow at two frame rates."""
+"""Drives that all programs get: recorded streets, simulated snow at two frame rates, and a long drive over it with turns."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,9 +16,10 @@ from survey.data.recording import Recording
 from survey.data.trajectory import Trajectory
 from vision_slam.readers.sequence import ImageSequence
 
-SNOW = ((61, 4), (62, 4), (61, 10))
-"""Seeds on which no setting was chosen, and images a second."""
-_SNOW = ("planner.swaths=1", "area.bounds_m=[526040.0, 6478040.0, 526100.0, 6478060.0]")
+_SHORT = ("planner.swaths=1", "area.bounds_m=[526040.0, 6478040.0, 526100.0, 6478060.0]")
+_LONG = ("planner.swaths=6", "area.bounds_m=[526040.0, 6478040.0, 526100.0, 6478130.0]")
+SNOW = ((61, 4, _SHORT), (62, 4, _SHORT), (61, 10, _SHORT), (63, 4, _LONG))
+"""Seeds on which no setting was chosen, images a second, and the survey: 60 m along one swath, or 590 m along six."""
 _RATE_HZ = 4  # of the mission
 
 
@@ -55,13 +56,13 @@ def drives(*, quick: bool) -> Iterator[PeerDrive]:
     found.sort(key=lambda drive: len(drive.time_s))
     yield from found[: 1 if quick else None]
     if not quick:
-        yield from (_snow(seed, rate_hz) for seed, rate_hz in SNOW)
+        yield from (_snow(*drive) for drive in SNOW)
 
 
-def _snow(seed: int, rate_hz: int) -> PeerDrive:
+def _snow(seed: int, rate_hz: int, survey: tuple[str, ...]) -> PeerDrive:
     """Read a simulated drive, rendered now if it has not been yet."""
     rate = () if rate_hz == _RATE_HZ else (f"instruments.frame_rate_hz={rate_hz}.0",)
-    folder = rendered_drive(seed, (*_SNOW, *rate))
+    folder = rendered_drive(seed, (*survey, *rate))
     recording = Recording.read(folder / "recording")
     assert recording.frames is not None
     assert recording.camera is not None

@@ -313,7 +313,9 @@ def _bent(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
     angle = np.arctan(radius)
     s = angle**2
     shown = angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
-    return plane * np.divide(shown, radius, out=np.ones_like(radius), where=radius > _ON_AXIS)[:, None]
+    factor = np.divide(shown, radius, out=np.ones_like(radius), where=radius > _ON_AXIS)
+    bent: FloatArray = plane * factor[:, None]
+    return bent
 
 
 def _distorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
@@ -321,13 +323,10 @@ def _distorted(plane: FloatArray, coefficients: FloatArray) -> FloatArray:
     k1, k2, p1, p2, k3 = coefficients.tolist()
     x, y = plane.T
     s = x**2 + y**2
-    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-    return np.column_stack(
-        [
-            x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x**2),
-            y * radial + p1 * (s + 2.0 * y**2) + 2.0 * p2 * x * y,
-        ]
-    )
+    shown: FloatArray = plane * (1.0 + s * (k1 + s * (k2 + s * k3)))[:, None]
+    shown[:, 0] += 2.0 * p1 * x * y + p2 * (s + 2.0 * x**2)
+    shown[:, 1] += p1 * (s + 2.0 * y**2) + 2.0 * p2 * x * y
+    return shown
 
 
 def _distortion_slope(plane: FloatArray, coefficients: FloatArray) -> FloatArray:

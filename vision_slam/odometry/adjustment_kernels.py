@@ -99,16 +99,8 @@ def add_observations(  # noqa: PLR0912, PLR0917 - compiled functions take no key
         for n in range(start, first[j + 1]):
             k, w = keyframe[n], weight[n]
             _write_slopes(
-                poses[k],
-                poses[a],
-                points[j],
-                by_local[n],
-                local[n],
-                by_depth[n],
-                by_pose,
-                by_anchor,
-                by_point,
-            )
+                poses[k], poses[a], points[j], by_local[n], local[n], by_depth[n], by_pose, by_anchor, by_point,
+            )  # fmt: skip
             for r in range(2):
                 e = error[n, r]
                 for p in range(3):

@@ -201,9 +201,7 @@ class GlobalAdjustment:
         )
         self._n_band = int(max(np.max(spans), 2))
 
-    def solve(
-        self, start: Geometry, n_iterations: int = _N_ITERATIONS, enough: float = _ENOUGH
-    ) -> Adjusted:
+    def solve(self, start: Geometry, n_iterations: int = _N_ITERATIONS, enough: float = _ENOUGH) -> Adjusted:
         """Adjust from initial poses, points and lens, until no pose moves by more than a share of the path."""
         state, damping = start, _DAMPING
         costs, rest = self.costs(state), self._other_cost(state)
@@ -313,7 +311,7 @@ class GlobalAdjustment:
 
     def _add_motions(self, band: FloatArray, g_pose: FloatArray, state: Geometry) -> None:
         """Add turns by gyro and steps by wheels, these with the weight that Cauchy's loss leaves them."""
-        slope, weight, off = self._motion_equations(state)
+        off, slope, weight = self._motion_equations(state)
         n = len(slope)
         blocks = np.einsum("kri,kr,krj->kij", slope, weight, slope)
         gradient = -np.einsum("kri,kr,kr->ki", slope, weight, off)
@@ -323,7 +321,7 @@ class GlobalAdjustment:
                 band[column : column + 6 * n : 6, row - column] += blocks[:, row, column]
 
     def _motion_equations(self, state: Geometry) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return how turns and steps change with both poses (K - 1, 6, 12), their weights (K - 1, 6) and errors (K - 1, 6)."""
+        """Return errors of turns and steps (K - 1, 6) in standard deviations, their slopes by both poses (K - 1, 6, 12) and weights."""
         turn_off, step_off = self._motion_errors(state)
         turn, place = self._bodies(state.poses)
         relative = turn[:-1].transpose(0, 2, 1) @ turn[1:]
@@ -337,14 +335,9 @@ class GlobalAdjustment:
         slope[:, 3:, 3:6] = -back
         slope[:, 3:, 6:9] = -back @ state.poses[1:, :3, :3] @ swing
         slope[:, 3:, 9:12] = back
-        sigma = self._motion_sigma
-        weight = np.hstack([np.ones_like(turn_off), 1.0 / (1.0 + (step_off / _OUTLYING) ** 2)]) / sigma**2
-        return slope, weight, np.hstack([turn_off, step_off]) * sigma
-
-    @property
-    def _motion_sigma(self) -> FloatArray:
-        """Standard deviations of turns [rad] and steps (K - 1, 6)."""
-        return np.hstack([self._motions.turn_sigma_rad, self._motions.step_sigma_m])
+        slope /= np.hstack([self._motions.turn_sigma_rad, self._motions.step_sigma_m])[..., None]
+        weight = np.hstack([np.ones_like(turn_off), 1.0 / (1.0 + (step_off / _OUTLYING) ** 2)])
+        return np.hstack([turn_off, step_off]), slope, weight
 
     def _hold(self, band: FloatArray, state: Geometry) -> None:
         """Hold the first pose, and without wheels the distance from it to the farthest keyframe of the first tracks."""
@@ -435,17 +428,15 @@ class GlobalAdjustment:
 
         Their noise would otherwise count as parallax, by which a step seems to be known.
         """
-        own = self._linearized(state).own
-        own[:, [0, 1, 2], [0, 1, 2]] += _SMALLEST
-        sigma = np.sqrt(np.linalg.inv(own)[:, 2, 2])
+        sigma = np.sqrt(np.linalg.inv(self._linearized(state).own + _SMALLEST * np.eye(3))[:, 2, 2])
         points = state.points.copy()
         points[points[:, 2] < _SIGNIFICANT * sigma, 2] = 0.0
         return state._replace(points=points)
 
     def _drawn_motions(self, state: Geometry, random: np.random.Generator) -> FloatArray:
         """Return the gradient by the poses (6 K, S) of drawn errors of turns and steps."""
-        slope, weight, _ = self._motion_equations(state)
-        errors = random.standard_normal((*weight.shape, _N_DRAWN)) * (weight * self._motion_sigma)[..., None]
+        _, slope, weight = self._motion_equations(state)
+        errors = weight[..., None] * random.standard_normal((*weight.shape, _N_DRAWN))
         gradient = slope.transpose(0, 2, 1) @ errors
         drawn = np.zeros((len(state.poses), 6, _N_DRAWN))
         drawn[:-1] += gradient[:, :6]

@@ -291,19 +291,8 @@ def _linearized(
         for i in range(sights.start[j], sights.start[j + 1]):
             k = sights.frame[i]
             weight = _derivatives(
-                poses.place[k],
-                rotation[k],
-                place[k],
-                sights,
-                corners,
-                j,
-                i,
-                basis,
-                row,
-                error,
-                by_pose,
-                by_corner,
-            )
+                poses.place[k], rotation[k], place[k], sights, corners, j, i, basis, row, error, by_pose, by_corner,
+            )  # fmt: skip
             if weight == 0.0:
                 continue
             _add_corner(inner[j], inner_right[j], weight, error, by_corner)
