@@ -307,7 +307,7 @@ def track_corners(
         criteria=ends, minEigThreshold=1e-5,
     )  # fmt: skip
     back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-        now, before, forth, pixels.copy(), winSize=(17, 17), maxLevel=0, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        now, before, forth, pixels.copy(), winSize=(17, 17), maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=ends, minEigThreshold=1e-5,
     )  # fmt: skip
     height, width = now.shape
