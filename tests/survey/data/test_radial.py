@@ -51,3 +51,16 @@ def test_a_lens_without_distortion_changes_nothing() -> None:
     plane = np.array([[0.3, -0.2], [2.0, 1.0]])
     assert undistort(plane, np.zeros(5)).tolist() == plane.tolist()
     assert fold_radius(np.zeros(5)) == np.inf
+
+
+@pytest.mark.parametrize("coefficients", [(0.0, 0.0, 0.0, 0.0, 0.0), (-0.2, 0.05, 1e-3, -2e-3, -0.01)])
+def test_points_are_projected_as_by_opencv(coefficients: tuple[float, ...]) -> None:
+    points = np.random.default_rng(1).normal(0.0, 1.0, (500, 3)) + [0.0, 0.0, 4.0]
+    nowhere = np.zeros(3)
+    pinhole = _camera(list(coefficients))
+    expected, _ = cv2.projectPoints(points, nowhere, nowhere, MATRIX, pinhole.distortion)
+    assert np.abs(pinhole.project(points) - np.asarray(expected)[:, 0]).max() < 1e-9
+    fisheye = Camera("fisheye", 1241, 376, MATRIX, np.array(coefficients[:4]), np.eye(4))
+    expected, _ = cv2.fisheye.projectPoints(points[:, None], nowhere, nowhere, MATRIX, fisheye.distortion)
+    assert np.abs(fisheye.project(points) - np.asarray(expected)[:, 0]).max() < 1e-9
+    assert fisheye.project(np.array([[0.0, 0.0, 2.0]])).tolist() == [MATRIX[:2, 2].tolist()]
