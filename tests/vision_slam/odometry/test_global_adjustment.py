@@ -36,11 +36,11 @@ def _path() -> FloatArray:
     return poses
 
 
-def _points(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Points on the ground and on façades 12 m to either side, up to 38 m beyond the last pose, and on a ridge 8 km away."""
+def _points(poses: FloatArray, rng: np.random.Generator, n_beyond: int) -> FloatArray:
+    """Points on the ground and on façades 12 m to either side, up to some steps beyond the last pose, and on a ridge 8 km away."""
     n = 2800
-    beyond = np.repeat(poses[-1:], 25, axis=0)
-    beyond[:, :3, 3] += 1.5 * np.arange(1, 26)[:, None] * poses[-1, :3, 0]
+    beyond = np.repeat(poses[-1:], n_beyond, axis=0)
+    beyond[:, :3, 3] += 1.5 * np.arange(1, n_beyond + 1)[:, None] * poses[-1, :3, 0]
     every = np.concatenate([poses, beyond])
     at = every[rng.integers(0, len(every), 2 * n)]
     aside = np.r_[rng.uniform(-8.0, 8.0, n), rng.choice([-12.0, 12.0], n)]
@@ -61,10 +61,10 @@ def _seen(eye: FloatArray, points: FloatArray, rng: np.random.Generator) -> tupl
     return pixel, ahead & ((pixel > 0) & (pixel < [1239, 375])).all(axis=1)
 
 
-def _tracks(poses: FloatArray, read_by: Camera) -> list[EndedTrack]:
+def _tracks(poses: FloatArray, read_by: Camera, n_beyond: int = 25) -> list[EndedTrack]:
     """Tracks of at most twelve keyframes, drawn by the real lens and read by another."""
     rng = np.random.default_rng(3)
-    points = _points(poses, rng)
+    points = _points(poses, rng, n_beyond)
     pixel, inside = (
         np.array(part)
         for part in zip(*(_seen(p @ _REAL.T_body_camera, points, rng) for p in poses), strict=True)
@@ -110,14 +110,30 @@ def test_scale_that_crept_in_turns_is_found_with_the_lens() -> None:
     assert absolute_errors_m(path.poses[:, :3, 3], real[:, :3, 3], "sim3").mean() < 0.6
 
 
-def test_the_covariance_covers_the_error_of_an_adjusted_path() -> None:
+def _nees(n_beyond: int) -> FloatArray:
+    """Return the squared errors of positions over their covariances (K - 1,)."""
     real = _path()
-    path = adjusted_path(_REAL, _bent(real), _tracks(real, _REAL), _motions(10), _CONFIG)
+    path = adjusted_path(_REAL, _bent(real), _tracks(real, _REAL, n_beyond), _motions(10), _CONFIG)
     assert path is not None
     error = path.poses[1:, :3, 3] - real[1:, :3, 3]
-    nees = np.einsum("ni,ni->n", error, np.linalg.solve(path.covariance[1:], error[:, :, None])[..., 0])
+    nees: FloatArray = np.einsum(
+        "ni,ni->n", error, np.linalg.solve(path.covariance[1:], error[:, :, None])[..., 0]
+    )
+    return nees
+
+
+def test_the_covariance_covers_the_error_of_an_adjusted_path() -> None:
+    nees = _nees(25)
     assert 0.1 < nees[-1] < 14.2  # χ² with 3 degrees
     assert 0.3 < nees.mean() < 9.0
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="poses that see little near claim too little: NEES ten keyframes before the end is 37, 3 is true",
+)
+def test_the_covariance_covers_poses_that_see_nothing_near() -> None:
+    assert _nees(0)[-11] < 14.2
 
 
 def test_a_step_that_no_corner_shows_is_as_uncertain_as_its_guess() -> None:
