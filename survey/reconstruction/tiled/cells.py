@@ -292,6 +292,10 @@ def conflicts_in(
     """Return the places of a tile, equal to the millimetre, whose heights scatter by far more than is usual in a cell [m]."""
     parts = [read_sorted(file) for file in files]
     x, y, z = (np.concatenate([np.asarray(part[axis], np.int64) for part in parts]) for axis in "xyz")
+    place = x << 32 | y
+    ordered = np.sort(place)
+    several = np.isin(place, ordered[1:][np.diff(ordered) == 0])
+    x, y, z = x[several], y[several], z[several]
     order = np.lexsort((z, y, x))
     x, y, z = x[order], y[order], z[order] * STEP_M
     starts = np.flatnonzero(np.diff(x, prepend=-1) | np.diff(y, prepend=-1))
