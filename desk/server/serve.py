@@ -49,10 +49,7 @@ _TYPES = {
 
 @cache
 def asset_files() -> dict[str, Path]:
-    """Return the files that are served, by their address.
-
-    Returns: addresses such as ``js/main.js``.
-    """
+    """Return the files that are served, by their address, such as ``js/main.js``."""
     files = (file for file in STATIC.rglob("*") if file.suffix in _TYPES)
     return {file.relative_to(STATIC).as_posix(): file for file in files}
 
@@ -227,7 +224,8 @@ def _serve(open_source: Callable[[], Opened], port: int, *, opens_browser: bool,
     typer.echo(f"firnline desk  {gate.address}")
     if opens_browser:
         webbrowser.open(gate.address)
-    with _running(uvicorn.Server(server_config(gate)), listener) as serving:
+    server = uvicorn.Server(server_config(gate))
+    with _running(server, listener) as serving:
         if opens_surely:
             try:
                 app.opened.set_result(open_source())
@@ -238,8 +236,9 @@ def _serve(open_source: Callable[[], Opened], port: int, *, opens_browser: bool,
         opened = app.opened.result()
         gate.publish_to(opened.publish)
         _describe(opened)
-        app.has_shown.wait(_SHOWN_S)
-        Thread(target=_load_planners, args=(app.loaded,), name="desk-loading", daemon=True).start()
+        if not server.should_exit:  # by an interrupt that a callback swallowed
+            app.has_shown.wait(_SHOWN_S)
+            Thread(target=_load_planners, args=(app.loaded,), name="desk-loading", daemon=True).start()
         serving.join()
 
 

@@ -9,15 +9,16 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from threading import enumerate as enumerate_threads
 
 import httpx
 import pytest
 from typer.testing import CliRunner
 
 from desk.server.gate import Gate
-from desk.server.serve import Opened, Opening, desk_app
+from desk.server.serve import Opened, Opening, _serve, desk_app
 from firnline.cli.main import app
 from survey.core import InputError
 from tests.desk.conftest import PORT, Page
@@ -58,6 +59,16 @@ def test_an_interrupt_while_the_terrain_is_opened_ends_the_desk(running, number,
     process.send_signal(number)
     assert process.wait(20.0) in (0, 130, -signal.SIGTERM)  # before and after it is handled
     assert not list(tmp_path.glob("*.lock"))
+
+
+def test_after_an_interrupt_that_a_callback_swallows_the_desk_loads_nothing(workspace):
+    def open_source() -> Opened:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return Opened(workspace, desk_app(workspace), lambda _: None)
+
+    _serve(open_source, 0, opens_browser=False, opens_surely=True)
+    assert "desk-loading" not in [thread.name for thread in enumerate_threads()]
 
 
 def test_a_real_server_is_not_reached_from_elsewhere(running):
