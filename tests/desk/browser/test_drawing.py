@@ -119,6 +119,7 @@ def test_corners_are_inserted_and_removed_by_keyboard(opened):
     opened.page.keyboard.press("Enter")
     opened.wait_for_revision(1)
     assert opened.document["areas"][0][0][2] == [WEST + 700, SOUTH + 450]
+    opened.page.wait_for_selector("[aria-label='Remove corner 5']")  # the page has the answer
     opened.page.focus("[aria-label='Remove corner 3']")
     opened.page.keyboard.press("Enter")
     opened.wait_for_revision(2)

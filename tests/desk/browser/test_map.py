@@ -69,7 +69,9 @@ def test_the_time_drives_the_rover_by_keyboard(opened):
 def test_the_profile_of_a_swath_is_dragged(opened):
     open_drive(opened)
     opened.page.select_option("#drive-part", label="Swath 2")
-    box = opened.page.locator("#drive .chart").bounding_box()
+    chart = opened.page.locator("#drive .chart")
+    opened.wait_for(lambda: chart.bounding_box() is not None, "chart")
+    box = chart.bounding_box()
     opened.page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 60)
     opened.page.mouse.down()
     opened.page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 60, steps=4)
