@@ -46,6 +46,7 @@ from survey.reconstruction.methods.scans import FIELD
 
 SEEDS = tuple(range(8101, 8113))
 WISH_M, PROBABILITY, NODES_M = 0.1, 0.9, 2.0
+OTHER_PROBABILITIES = 0.75, 0.5
 MOST_SWATHS = 16
 _MOUND_M, _MOUND_SIGMA_M = 1.0, 4.0
 ALONG_M, ACROSS_M = 140.0, 240.0
@@ -95,7 +96,7 @@ def mission_on(seed: int) -> MissionConfig:
     return stated_mission("lidar-spacing", seed, sections)
 
 
-def planned(mission: MissionConfig, world: World) -> dict[str, float]:
+def planned(mission: MissionConfig, world: World, probability: float = PROBABILITY) -> dict[str, float]:
     """Plan the distance between swaths from the prior and the stated scanner."""
     assumed = planners.MapAssumptions(
         prior_sigma_m=mission.satellite.sigma_m, micro_relief_m=mission.terrain.micro_relief_sd_m
@@ -106,7 +107,7 @@ def planned(mission: MissionConfig, world: World) -> dict[str, float]:
         lidar_survey(mission),
         WISH_M,
         heading_deg=0.0,
-        probability=PROBABILITY,
+        probability=probability,
         assumed=assumed,
     )
     return found._asdict()
@@ -178,11 +179,14 @@ def outcome(seed: int, case: Case) -> dict[str, Any]:
         while least < MOST_SWATHS and not meets(least):
             least += 1
     by_paper = n_swaths(0.5 * found["paper_width_m"])
-    met_by_paper = meets(by_paper) if case == CASES[0] else False
-    return {
-        **found, "seed": seed, "swaths": n, "least": least, "driven_rmse_m": errors[n], "paper": by_paper,
-        "paper_meets": met_by_paper,
+    result: dict[str, Any] = found | {
+        "seed": seed, "swaths": n, "least": least, "driven_rmse_m": errors[n], "paper": by_paper,
     }  # fmt: skip
+    if case == CASES[0]:
+        result["paper_meets"] = meets(by_paper)
+        others = [n_swaths(planned(mission, world, p)["spacing_m"]) for p in OTHER_PROBABILITIES]
+        result["others"] = [(other, meets(other)) for other in others]
+    return result
 
 
 def n_swaths(spacing_m: float) -> int:
@@ -219,15 +223,20 @@ def _case_rows(case: Case, found: list[dict[str, Any]]) -> Iterator[Row]:
             float(np.mean([one["rmse_m"] / one["driven_rmse_m"] for one in found])),
             "1",
         )
-        paper = np.array([one["paper"] / one["least"] for one in found])
-        met = float(np.mean([one["paper_meets"] for one in found]))
-        yield Row("two swaths for 3 r_m of the EMap paper: share that meets it", met, "1")
-        yield Row(
-            "two swaths for 3 r_m of the EMap paper: swaths over the fewest, mean", float(paper.mean()), "1"
-        )
-        yield Row(
-            "two swaths for 3 r_m of the EMap paper: swaths over the fewest, worst", float(paper.max()), "1"
-        )
+        paper = [(one["paper"], one["paper_meets"]) for one in found]
+        yield from _other_rows("two swaths for 3 r_m of the EMap paper", paper, found)
+        for k, probability in enumerate(OTHER_PROBABILITIES):
+            others = [one["others"][k] for one in found]
+            yield from _other_rows(f"planned with a probability of {probability:g}", others, found)
+
+
+def _other_rows(name: str, driven: list[tuple[int, bool]], found: list[dict[str, Any]]) -> Iterator[Row]:
+    """Yield rows of another number of swaths on each site: number, and whether it meets the error."""
+    ratio = np.array([n / one["least"] for (n, _), one in zip(driven, found, strict=True)])
+    met = float(np.mean([meets for _, meets in driven]))
+    yield Row(f"{name}: share that meets it", met, "1")
+    yield Row(f"{name}: swaths over the fewest, mean", float(ratio.mean()), "1")
+    yield Row(f"{name}: swaths over the fewest, worst", float(ratio.max()), "1")
 
 
 if __name__ == "__main__":
