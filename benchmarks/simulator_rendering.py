@@ -1,5 +1,6 @@
-"""The rover's images: speed against pybullet's renderer where it is installed, exactness against a brute-force ray caster, looks."""
+"""The rover's images: speed beside renderers of pybullet and MuJoCo, exactness against a brute-force ray caster, looks."""
 
+import os
 import tempfile
 import time
 import tracemalloc
@@ -123,7 +124,7 @@ def _speed_rows(ground: FineTerrain, renderer: Renderer, n_views: int) -> Iterat
     threads, cv_threads = numba.get_num_threads(), cv2.getNumThreads()
     cv2.setNumThreads(1)
     numba.set_num_threads(1)
-    bullet = None if find_spec("pybullet") is None else _bullet_scene(ground)
+    peers = [(name, scene, least) for name, load, least in _PEERS if (scene := load(ground)) is not None]
     times: list[list[float]] = []
     for view, box in views:  # alternating, so that what else the machine does meets all alike
         works: list[Callable[[], object]] = [
@@ -131,14 +132,13 @@ def _speed_rows(ground: FineTerrain, renderer: Renderer, n_views: int) -> Iterat
             lambda: small.render(view, rover_box=box),  # noqa: B023
         ]
         spent = [_least_ms(work, time.process_time) for work in works]
-        times.append(
-            spent if bullet is None else [*spent, _least_ms(partial(bullet, view), time.process_time, 2)]
-        )
-    own, half, *peer = np.mean(times, axis=0)
+        spent += [_least_ms(partial(scene, view), time.process_time, 2) for _, scene, _ in peers]
+        times.append(spent)
+    own, half, *others = np.mean(times, axis=0)
     yield Row.of("640 × 480, lens, shadows, pools, crevasses, noise: CPU", own, "ms", "<=", 15.0)
-    if peer:
-        yield Row("pybullet's TINY_RENDERER, 640 × 480, the same ground at 1 m: CPU", peer[0], "ms")
-        yield Row.of("pybullet's time over ours", peer[0] / own, "1", ">=", 5.0)
+    for (name, _, least), other in zip(peers, others, strict=True):
+        yield Row(f"{name}, 640 × 480, the same ground at 1 m: CPU", other, "ms")
+        yield Row.of(f"{name}: time over ours", other / own, "1", ">=", least)
     yield Row("320 × 240: CPU", half, "ms")
     yield Row.of("640 × 480 over 320 × 240", own / half, "1", ">=", 3.3)
     if threads >= 2:
@@ -177,14 +177,55 @@ def _row_share(renderer: Renderer, view: FloatArray, worker: int, n_workers: int
         renderer.trace(view, None, None, shaded=True)
 
 
-def _bullet_scene(ground: FineTerrain) -> Callable[[FloatArray], object]:
-    """Load the ground, every fourth node, into pybullet; return what renders a view of it."""
+def _coarse(ground: FineTerrain) -> FloatArray:
+    """Return the heights of the ground 1 m apart, southern row first, as many rows as columns."""
+    every = round(1.0 / ground.step_m)
+    heights = ground.height[::-1][::every, ::every].astype(float)
+    return heights[: min(heights.shape), : min(heights.shape)]
+
+
+def _mujoco_scene(ground: FineTerrain) -> Callable[[FloatArray], object] | None:
+    """Load the ground into MuJoCo; return what renders a view of it on one thread, None where MuJoCo finds no OpenGL."""
+    os.environ |= {"MUJOCO_GL": "egl", "LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
+    try:
+        import mujoco
+    except (ImportError, AttributeError):  # the latter without a library of EGL
+        return None
+    heights = _coarse(ground)
+    low, relief, half = float(heights.min()), float(np.ptp(heights)), 0.5 * (len(heights) - 1)
+    west, south, *_ = ground.bounds
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+      <visual><global offwidth="640" offheight="480"/><map znear="0.0002" zfar="2"/></visual>
+      <asset><hfield name="ground" nrow="{len(heights)}" ncol="{len(heights)}" size="{half} {half} {relief} 1"/></asset>
+      <worldbody>
+        <light directional="true" dir="-1 0 -0.5"/><camera name="camera" fovy="64"/>
+        <geom type="hfield" hfield="ground" pos="{west + half} {south + half} {low}"/>
+      </worldbody></mujoco>""")
+    model.hfield_data[:] = ((heights - low) / relief).ravel()
+    data = mujoco.MjData(model)
+    try:
+        renderer = mujoco.Renderer(model, 480, 640)
+    except (mujoco.FatalError, ImportError, RuntimeError):
+        return None
+
+    def render(view: FloatArray) -> object:
+        model.cam_pos[0] = view[:3, 3]
+        mujoco.mju_mat2Quat(model.cam_quat[0], (view[:3, :3] * (1.0, -1.0, -1.0)).ravel())
+        mujoco.mj_forward(model, data)
+        renderer.update_scene(data, "camera")
+        return renderer.render()
+
+    return render
+
+
+def _bullet_scene(ground: FineTerrain) -> Callable[[FloatArray], object] | None:
+    """Load the ground into pybullet; return what renders a view of it, None where pybullet is not installed."""
+    if find_spec("pybullet") is None:
+        return None
     import pybullet
 
     pybullet.connect(pybullet.DIRECT)
-    every = round(1.0 / ground.step_m)
-    heights = ground.height[::-1][::every, ::every].astype(float)
-    heights = heights[: min(heights.shape), : min(heights.shape)]
+    heights = _coarse(ground)
     shape = pybullet.createCollisionShape(
         pybullet.GEOM_HEIGHTFIELD,
         meshScale=[1.0, 1.0, 1.0],
@@ -204,6 +245,13 @@ def _bullet_scene(ground: FineTerrain) -> Callable[[FloatArray], object]:
         return pybullet.getCameraImage(640, 480, pose, lens, shadow=1, renderer=pybullet.ER_TINY_RENDERER)
 
     return render
+
+
+_PEERS = (
+    ("pybullet's TINY_RENDERER", _bullet_scene, 16.0),
+    ("MuJoCo's renderer, OpenGL of Mesa on one thread", _mujoco_scene, 10.0),
+)
+"""Name, what loads the ground, and how many times our CPU time the peer's is to be."""
 
 
 def _depth_rows(n_views: int, n_rays: int) -> Iterator[Row]:

@@ -292,20 +292,20 @@ def conflicts_in(
     """Return the places of a tile, equal to the millimetre, whose heights scatter by far more than is usual in a cell [m]."""
     parts = [read_sorted(file) for file in files]
     x, y, z = (np.concatenate([np.asarray(part[axis], np.int64) for part in parts]) for axis in "xyz")
-    order = np.lexsort((z, y, x))
+    place = x << 32 | y
+    ordered = np.sort(place)
+    several = np.flatnonzero(np.isin(place, ordered[1:][np.diff(ordered) == 0]))
+    order = several[np.lexsort((z[several], place[several]))]
     x, y, z = x[order], y[order], z[order] * STEP_M
-    starts = np.flatnonzero(np.diff(x, prepend=-1) | np.diff(y, prepend=-1))
+    starts = np.flatnonzero(np.diff(place[order], prepend=-1))
     n = np.diff(starts, append=len(x))
     mean = np.add.reduceat(z, starts) / n
-    squares = np.add.reduceat((z - np.repeat(mean, n)) ** 2, starts)
-    scatter = np.sqrt(squares / np.maximum(n - 1, 1))
+    scatter = np.sqrt(np.add.reduceat((z - np.repeat(mean, n)) ** 2, starts) / np.maximum(n - 1, 1))
     chosen = np.flatnonzero(scatter > max(_TIMES_SCATTER * usual_m, _LEAST_SCATTER_M))
     found = np.zeros(len(chosen), CONFLICT)
     first, window = starts[chosen], layout.window(tile)
-    found["x"], found["y"] = (
-        x[first] * STEP_M + window.west * layout.cell_m,
-        y[first] * STEP_M + window.south * layout.cell_m,
-    )
+    found["x"] = x[first] * STEP_M + window.west * layout.cell_m
+    found["y"] = y[first] * STEP_M + window.south * layout.cell_m
     found["n"], found["scatter"] = n[chosen], scatter[chosen]
     found["low"], found["high"] = z[first], z[first + n[chosen] - 1]
     return found
