@@ -35,8 +35,15 @@ class _NoAlias(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
 
-# Nothing calls these loops from C.
-_FAST: dict[str, Any] = {"cache": True, "fastmath": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+# Nothing calls these loops from C. Operations are made as they are written: where LLVM may reorder or fuse them, the copy of
+# an inner loop that was compiled alone rounds otherwise than the copy within its caller, and a process that compiles calls the
+# one, a process that loads stored loops the other. It gains no time either.
+_FAST: dict[str, Any] = {
+    "cache": True,
+    "fastmath": {"nnan", "ninf", "nsz"},
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
 
 inlined = njit(**_FAST, inline="always")
 by_share = njit(**_FAST, nogil=True)
@@ -48,10 +55,6 @@ _INNER = _FAST | {"no_cpython_wrapper": True}
 scalar = njit(**_INNER)
 # Without the flag, which is internal to numba, frames take 2.6 times as long and look the same.
 row_loop = njit(**_INNER, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else scalar
-
-_EXACT: dict[str, Any] = _INNER | {"fastmath": {"contract", "nnan", "ninf", "nsz"}}
-row_loop_in_order = njit(**_EXACT, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else njit(**_EXACT)
-"""The same, but sums are made in the order in which they are written."""
 
 
 def _fused(typing_context: Any, a: Any, b: Any, c: Any) -> Any:

@@ -22,7 +22,6 @@ from sim.rendering.compiled import (
     i32,
     inlined,
     row_loop,
-    row_loop_in_order,
     u32,
     u64,
 )
@@ -248,7 +247,7 @@ def lay_snow(n: int, at: Footprints, albedo: float) -> None:
         at.water[k] = zero
 
 
-@row_loop_in_order
+@row_loop
 def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None:
     """Add all taps of both corners' copies of a tile to the texture."""
     zero = f32(0)

@@ -189,7 +189,7 @@ class Fresh(NamedTuple):
         return Columns(x, y, weight, self.made_by[:room][taken], levels)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def add_fresh(fresh: Fresh, x: float, y: float, weight: float, made_by: int) -> None:
     """Add a kernel to its cell's latest block, or to a new one."""
     scale = 1.0 / fresh.length_m
@@ -211,7 +211,7 @@ def add_fresh(fresh: Fresh, x: float, y: float, weight: float, made_by: int) -> 
     fresh.filled[block] += 1
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def fresh_height(fresh: Fresh, x: float, y: float) -> float:
     """Sum of the kernels that are being added, at a place."""
     scale = 1.0 / fresh.length_m
@@ -227,7 +227,7 @@ def fresh_height(fresh: Fresh, x: float, y: float) -> float:
     return total
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def height_at(bases: Bases, x: float, y: float) -> float:
     """Sum of all kernels at a place within the rectangle."""
     cells = bases.cells
@@ -408,7 +408,7 @@ def descend(  # noqa: PLR0917 - compiled functions take no keywords
     return Tally(n_points, n_rays, len(order), gradient, loss, decayed)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def _carve(  # noqa: PLR0917
     visited: Visited, i: int, fresh: Fresh, rasters: Rasters, step: Step, decayed: float
 ) -> tuple[float, int]:
@@ -425,7 +425,7 @@ def _carve(  # noqa: PLR0917
     return deepest, _N_WORST
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def worst_violation(  # noqa: PLR0917
     visited: Visited, i: int, fresh: Fresh, rasters: Rasters, step: Step, decayed: float
 ) -> Violation:
@@ -485,7 +485,7 @@ def _deepest(  # noqa: PLR0917
     return at, deepest
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def _add(  # noqa: PLR0917
     fresh: Fresh, rasters: Rasters, x: float, y: float, weight: float, made_by: int, on_raster: bool
 ) -> None:
@@ -494,7 +494,7 @@ def _add(  # noqa: PLR0917
         _splat(rasters, x, y, weight, fresh.length_m)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def _splat(rasters: Rasters, x: float, y: float, weight: float, length_m: float) -> None:
     """Add one kernel to the pass's raster."""
     raster, scale = rasters.coarse, 1.0 / rasters.coarse_step_m

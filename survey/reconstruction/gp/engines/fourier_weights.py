@@ -33,7 +33,7 @@ from survey.reconstruction.gp.engines.fourier_basis import (
 from survey.reconstruction.gp.engines.regression import NoisyValues
 
 # Nothing calls these loops from C, and Python does not call the inner one.
-_LOOP: dict[str, Any] = {"cache": True, "fastmath": True, "no_cfunc_wrapper": True}
+_LOOP: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True}
 _INNER_LOOP = _LOOP | {"no_cpython_wrapper": True}
 
 
