@@ -75,6 +75,10 @@ def widened_beyond(
     """
     grid = result.mean.grid()
     beyond = BeyondPoints.of(xy, values)
+    # The distance from a convex set is a convex function: no node is farther than the farthest corner.
+    corners = np.stack(np.meshgrid(grid.x[[0, -1]], grid.y[[0, -1]]), axis=-1).reshape(-1, 2)
+    if beyond.distance_m(corners).max() <= beyond.trusted_m:
+        return result
     distance = beyond.distance_m(grid.xy)
     counted = distance if area is None else distance[area.contains(grid.xy)]
     if not (counted > beyond.trusted_m).any():

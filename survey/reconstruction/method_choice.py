@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
-from survey.core import FloatArray, stream
+from survey.core import BoolArray, FloatArray, stream
 from survey.data import Dem, Grid, SurfacePoints, SurveyArea
 from survey.reconstruction.gp.engine_choice import is_little_work
 from survey.reconstruction.gp.kernel_average import MEMBERS, Member, averaged_kernels
@@ -74,8 +74,8 @@ def compare_methods(
     points: SurfacePoints, grid: Grid, area: SurveyArea | None = None, quantity: str = ELEVATION
 ) -> MethodChoice | None:
     """Return the choice for a map without a prior; None where the points are few, so that the Gaussian process costs little."""
-    data, nodes = Observations.of(points, quantity).merged(), grid.xy
-    if is_little_work(len(data), len(nodes)) or not are_wide(data.xy):
+    data = Observations.of(points, quantity).merged()
+    if is_little_work(len(data), grid.shape[0] * grid.shape[1]) or not are_wide(data.xy):
         return None
     n_out, tree = min(int(_SHARE_LEFT_OUT * len(data)), _MOST_LEFT_OUT), cKDTree(data.xy)
     out = stream(0, "choice of a method").permutation(len(data))[:n_out]
@@ -94,9 +94,13 @@ def compare_methods(
             gp_m = _root_mean(excess(_by_kernel(around, left_out.xy, members)))
     distance, nearest = map(np.asarray, cKDTree(around.xy).query(left_out.xy))
     steps = (left_out.z - around.z[nearest]) ** 2 - left_out.variance - around.variance[nearest]
-    seen = nodes if area is None else nodes[area.contains(nodes)]
-    farther = np.asarray(tree.query(seen)[0]) > np.quantile(distance, _NEARLY_ALL)
-    is_tin = 0.0 < tin_m <= _AS_GOOD * gp_m and float(np.mean(farther)) <= _SHARE_FARTHER
+
+    def is_farther() -> BoolArray:
+        seen = grid.xy if area is None else grid.xy[area.contains(grid.xy)]
+        farther: BoolArray = np.asarray(tree.query(seen)[0]) > np.quantile(distance, _NEARLY_ALL)
+        return farther
+
+    is_tin = 0.0 < tin_m <= _AS_GOOD * gp_m and float(np.mean(is_farther())) <= _SHARE_FARTHER
     method = "tin" if is_tin else "gp"
     sentence = f"{method}, for {_reason(n_out, tin_m, gp_m)}"
     sentence += "; --method gp maps by the Gaussian process" if is_tin else ""
@@ -123,7 +127,7 @@ def _root_mean(squared: FloatArray) -> float:
 
 def _by_kernel(data: Observations, xy: FloatArray, members: Sequence[Member]) -> FloatArray:
     """Return the heights (M,) at places by the likeliest kernel of the members, from the nearest points."""
-    from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess  # compiled support
+    from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess  # compiled support
 
     z = data.z - data.z.mean()
     best = averaged_kernels(data.xy, z, data.variance, members=members).kernels[0]

@@ -14,7 +14,13 @@ from survey.core import Bounds, FloatArray, Progress
 from survey.data import Dem
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, DividedSiteError, EngineName, fit_process
+from survey.reconstruction.gp.engine_choice import (
+    Conditioned,
+    DividedSiteError,
+    Division,
+    EngineName,
+    fit_process,
+)
 from survey.reconstruction.gp.engines.regression import NoisyValues, Process, TrendName
 from survey.reconstruction.gp.kernel_average import lightened, with_evidence
 from survey.reconstruction.gp.marginal_likelihood import Hyperparameters, KernelInAverage
@@ -44,7 +50,7 @@ class PriorMeasurements(NamedTuple):
 class ConditioningTask(NamedTuple):
     """Engine, settings, extent of the map [m], trend, prior as measurements, number of nodes, and a progress callback.
 
-    ``is_divided``: whether parts of the site are solved one by one without trying one solve.
+    ``division``: engine that is known to be needed since one solve will not do.
     """
 
     engine: EngineName
@@ -54,7 +60,7 @@ class ConditioningTask(NamedTuple):
     prior: PriorMeasurements | None = None
     n_nodes: int | None = None
     progress: Progress | None = None
-    is_divided: bool = False
+    division: Division | None = None
 
 
 def condition_all(
@@ -109,7 +115,7 @@ def _condition(task: ConditioningTask, one: KernelInAverage, data: NoisyValues) 
         progress=task.progress,
         n_nodes=task.n_nodes,
         may_divide=task.prior is None,
-        is_divided=task.is_divided,
+        division=task.division,
     )
 
 

@@ -43,7 +43,9 @@ from survey.reconstruction.gp.kernels import Kernel
 
 EngineName = Literal["gp", "dense"]
 """The fast engine, which depends on the size of the task, or the dense one."""
-Engine = Literal["dense", "fourier", "tiled", "local"]
+Division = Literal["tiled", "local"]
+"""The engines that solve parts of the site one by one."""
+Engine = Literal["dense", "fourier"] | Division
 """The engine that was chosen."""
 # Up to this many points the dense factorization is the cheaper one: about 450 at a length scale of 18 m on 600 × 600 m.
 # With few nodes it is for more: their number times the square of that of the points, and the most points.
@@ -97,9 +99,9 @@ class EngineChoice(NamedTuple):
     is_stated: bool = False
 
     @property
-    def is_divided(self) -> bool:
-        """Whether parts of the site are solved one by one."""
-        return self.engine in ("tiled", "local")
+    def division(self) -> Division | None:
+        """The engine where it solves parts of the site one by one."""
+        return self.engine if self.engine in ("tiled", "local") else None
 
     def record(self) -> dict[str, Any]:
         """Return the reason and the memory, for the record."""
@@ -122,14 +124,18 @@ def is_little_work(n: int, n_nodes: int | None) -> bool:
     return n <= _N_DENSE or (n_nodes is not None and n <= _MOST_DENSE and n**2 * n_nodes <= _DENSE_WORK)
 
 
-def choose_engine(task: EngineTask, *, is_dense: bool = False, is_divided: bool = False) -> EngineChoice:
-    """Choose the engine by what each would need; `is_dense` states the dense one, `is_divided` parts of the site."""
+def choose_engine(
+    task: EngineTask, *, is_dense: bool = False, division: Division | None = None
+) -> EngineChoice:
+    """Choose the engine by what each would need; `is_dense` states the dense one, `division` one that divides."""
     n = len(task.xy)
     if is_dense or is_little_work(n, task.n_nodes):
         few = f"there are no more than {_N_DENSE} points" if n <= _N_DENSE else f"{n} points have few nodes"
         reason = "the dense engine was stated" if is_dense else few
         return EngineChoice("dense", reason, dense_mb(n), is_stated=is_dense)
-    if is_divided:
+    if division == "local":
+        return choose_local(task, "neither one solve nor tiles did for these points before")
+    if division == "tiled":
         return choose_divided(task, "one solve did not do for these points before")
     resolution = resolve_for_points(task.kernel, task.site, task.xy, task.noise_m2, **task.limits)
     if resolution is None:
@@ -213,23 +219,24 @@ def fit_process(
     progress: Progress | None = None,
     n_nodes: int | None = None,
     may_divide: bool = True,
-    is_divided: bool = False,
+    division: Division | None = None,
 ) -> Conditioned:
     """Condition on points with the dense engine, or with the one that the size of the task demands.
 
-    `is_divided`: whether one solve is not tried. Raise `DividedSiteError` for a task that needs parts unless `may_divide`.
+    `division`: engine that was needed for these points before; no other one is tried first. Raise `DividedSiteError` for a task that needs parts unless `may_divide`.
     """
     data = NoisyValues.of(xy, values, sigma_m)
     task = EngineTask(
         kernel, data.xy, data.noise_m2, data.extent(bounds), config.tolerance_m, config.memory_mb, n_nodes
     )
-    choice = choose_engine(task, is_dense=engine == "dense", is_divided=is_divided)
+    choice = choose_engine(task, is_dense=engine == "dense", division=division)
     points = xy, values, sigma_m, kernel
     if choice.engine == "dense":
         return Conditioned(DenseGaussianProcess.fit(*points, trend=trend), choice)
     # Here, because compiling support costs half a second that other methods need not pay.
     from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
-    from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess, TiledGaussianProcess
+    from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
+    from survey.reconstruction.gp.engines.tiled_gp import TiledGaussianProcess
 
     if choice.engine == "fourier":
         one = FourierGaussianProcess.solve(*points, bounds=bounds, trend=trend, resolution=choice.resolution)

@@ -9,6 +9,7 @@ The steepness of a map has the standard deviation of the derivative along the st
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -33,7 +34,13 @@ from survey.reconstruction.checks import PredictiveCheck, PredictiveScores
 from survey.reconstruction.gp.averaged_process import AveragedProcess
 from survey.reconstruction.gp.conditioning import ConditioningTask, PriorMeasurements, condition_all
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.engine_choice import Conditioned, EngineChoice, EngineName, is_little_work
+from survey.reconstruction.gp.engine_choice import (
+    Conditioned,
+    Division,
+    EngineChoice,
+    EngineName,
+    is_little_work,
+)
 from survey.reconstruction.gp.engines.regression import Process
 from survey.reconstruction.gp.engines.spline_grid import first_stride, predict_on_fine_axes
 from survey.reconstruction.gp.kernel_average import averaged_kernels
@@ -51,6 +58,8 @@ from survey.reconstruction.terrain_map import CHECK, ELEVATION, UNSEEN, support_
 
 # Shares of the points that are left out: in all discs, at most in one of the widest, and one by one.
 _SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
+# More points in discs, and one by one, would determine the factors no better.
+_MOST_IN_DISCS, _MOST_SINGLE = 9000, 3000
 # Without enough points to say otherwise the scale is 1, give or take 30 %.
 _PRIOR_LOG_SD = 0.3
 # Ranges of distance with a factor each; with fewer points left out, or kept, there is none.
@@ -186,7 +195,7 @@ def left_out(xy: FloatArray, gaps_m: FloatArray) -> PointsLeftOut:
     radii = widest * np.array([1.0, 0.6, 0.3])
     n_discs = 0
     for centre in order[:_N_TRIED]:
-        if out.sum() >= _SHARE_IN_DISCS * len(xy):
+        if out.sum() >= min(_SHARE_IN_DISCS * len(xy), _MOST_IN_DISCS):
             break
         radius = radii[n_discs % len(radii)]
         # Discs stay a radius apart, so that each has its surroundings left.
@@ -194,7 +203,7 @@ def left_out(xy: FloatArray, gaps_m: FloatArray) -> PointsLeftOut:
             out[tree.query_ball_point(xy[centre], radius)] = True
             n_discs += 1
     free = np.flatnonzero(~out)
-    out[rng.choice(free, size=int(_SHARE_SINGLE * len(free)), replace=False)] = True
+    out[rng.choice(free, size=min(int(_SHARE_SINGLE * len(free)), _MOST_SINGLE), replace=False)] = True
     return PointsLeftOut(out, n_discs)
 
 
@@ -252,7 +261,11 @@ class Learned:
 
     def nearest_m(self, xy: FloatArray) -> FloatArray:
         """Return the distance (M,) to the nearest point [m]."""
-        return np.asarray(cKDTree(self.process.data.xy).query(xy)[0], dtype=np.float64)
+        return np.asarray(self._tree.query(xy)[0], dtype=np.float64)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.process.data.xy)
 
     def support(self, std: FloatArray, nearest_m: FloatArray, step_m: float = 0.0) -> npt.NDArray[np.uint8]:
         """Return the support codes of places with this standard deviation and distance to the nearest point."""
@@ -380,7 +393,7 @@ class TerrainFit:
     """Assumptions of a fit: settings, expected surface, engine, quantity, site, and a progress callback.
 
     `errors`: error model of a prior whose cells are measurements; without it the prior is the mean. `n_nodes`: number of
-    nodes of the map, None where it is not known. `is_divided`: whether one solve for the site is known not to do.
+    nodes of the map, None where it is not known. `division`: engine that is known to be needed since one solve will not do.
     """
 
     config: GaussianProcessConfig
@@ -391,7 +404,7 @@ class TerrainFit:
     progress: Progress | None
     errors: PriorErrors | None = None
     n_nodes: int | None = None
-    is_divided: bool = False
+    division: Division | None = None
 
     def near(self, points: SurfacePoints) -> BoolArray:
         """Return which points (N,) can matter to the site, and refuse fewer than three."""
@@ -422,7 +435,7 @@ class TerrainFit:
         conditioned, found = self._learn(data, mean, data.variance)
         n_times = 1 + self._has_slope_errors(points) + self.config.robust
         announce(Learned.uncalibrated(conditioned, mean, found), n_times * (time.perf_counter() - began))
-        again = replace(self, is_divided=conditioned.choice.is_divided)
+        again = replace(self, division=conditioned.choice.division)
         # The slope that carries horizontal errors to the height is known only once there is a surface.
         variance = self.through_slope(points, conditioned.process, mean, data.variance)
         if variance is not data.variance:
@@ -512,7 +525,7 @@ class TerrainFit:
                 self._measurements,
                 self.n_nodes,
                 self.progress,
-                self.is_divided,
+                self.division,
             ),
             found,
             xy,

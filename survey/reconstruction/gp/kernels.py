@@ -261,9 +261,13 @@ class Stationary(Kernel):
 
     def squared_along(self, lag_m: FloatArray) -> FloatArray:
         """Return the squared lengths (...) of lags (..., 2), those across stretched by the anisotropy [m²]."""
-        along, across = self._along_and_across(lag_m)
-        squared: FloatArray = along**2 + (across * self.anisotropy) ** 2
+        squared: FloatArray = np.sum(self.stretched(lag_m) ** 2, axis=-1)
         return squared
+
+    def stretched(self, vectors: FloatArray) -> FloatArray:
+        """Return vectors (..., 2) along and across the axis of the anisotropy, those across stretched by it [m]."""
+        along, across = self._along_and_across(vectors)
+        return np.stack([along, across * self.anisotropy], axis=-1)
 
     def covariance_of_squared(self, squared_m2: FloatArray) -> FloatArray:
         """Return the covariance [m²] at squared lengths (...) as `squared_along` gives them [m²]."""

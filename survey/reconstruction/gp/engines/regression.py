@@ -262,7 +262,7 @@ class DenseGaussianProcess(Process):
         surface = PolynomialTrend(trend, FourierBox.around(data.extent(None), 1.0))
         covariance = kernel.covariance(data.xy, data.xy)
         covariance[np.diag_indices(len(data))] += data.noise_m2
-        return cls(kernel, surface, data, _factorized(covariance), memory_mb)
+        return cls(kernel, surface, data, factorized(covariance), memory_mb)
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
         """Return the process conditioned on more points; the factor grows by the new rows only."""
@@ -273,7 +273,7 @@ class DenseGaussianProcess(Process):
         factor = np.zeros((n + len(added), n + len(added)), order="F")
         factor[:n, :n] = self.factor
         factor[n:, :n] = lower.T
-        factor[n:, n:] = _factorized(corner)
+        factor[n:, n:] = factorized(corner)
         return replace(self, data=self.data + added, factor=factor)
 
     def for_values(self, values: FloatArray) -> Self:
@@ -466,8 +466,8 @@ def _refuse_beyond(memory_mb: float, n: int, what: str, way_out: str) -> None:
         )
 
 
-def _factorized(matrix: FloatArray) -> FloatArray:
-    """Lower Cholesky factor in column order, so that LAPACK copies nothing."""
+def factorized(matrix: FloatArray) -> FloatArray:
+    """Return the lower Cholesky factor in column order, so that LAPACK copies nothing; refuse what is not positive definite."""
     factor, failed = lapack.dpotrf(np.asfortranarray(matrix), lower=1, overwrite_a=1, clean=1)
     if failed:
         raise InputError(

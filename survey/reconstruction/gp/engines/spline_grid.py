@@ -8,9 +8,11 @@ as near to a point as the farthest of these are predicted exactly too; where the
 by a third, down to the exact grid.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import distance_transform_edt
 
 from survey.core import FloatArray, IntArray
@@ -20,7 +22,7 @@ from survey.reconstruction.gp.engines.regression import Process
 _FEW = 2500
 # Largest error at a node that is compared, in standard deviations of the ground: it adds 0.1 % to the root mean square of the
 # error there, and changes the share within a 95 % interval by about one in a hundred.
-_TOLERANCE = 0.05
+TOLERANCE = 0.05
 # Nodes that are compared: near points, and spread by the sequence of Roberts (2018), whose steps are these.
 _N_COMPARED = 500
 # Largest share of the nodes that are predicted exactly because they are near points.
@@ -40,7 +42,7 @@ def predict_on_fine_axes(
         rows, columns = _compared(process.data.xy, x, y)
         mean, variance = process.predict(np.stack([x[columns], y[rows]], axis=-1))
         std = np.sqrt(variance)
-        allowed = _TOLERANCE * np.sqrt(variance + nugget_m**2)
+        allowed = TOLERANCE * np.sqrt(variance + nugget_m**2)
     while stride > 2:  # every second node costs a quarter of all, and may fail
         found = _through_spline(process, x, y, stride)
         errors = np.abs(found[0][rows, columns] - mean), np.abs(found[1][rows, columns] - std)
@@ -70,6 +72,16 @@ def _through_spline(
         for values in process.predict_on_axes(x[columns], y[rows])
     )
     return mean, np.maximum(std, 0.0)
+
+
+@lru_cache(maxsize=256)
+def spline_weights(n_nodes: int, n_places: int) -> FloatArray:
+    """Return the weights (N, K) of values at even places, at least four, at N even nodes from the first to the last of them."""
+    n_places = max(n_places, 4)
+    if n_places >= n_nodes:
+        return np.eye(n_nodes)
+    places = np.linspace(0.0, n_nodes - 1.0, n_places)
+    return np.asarray(CubicSpline(places, np.eye(n_places))(np.arange(n_nodes)), dtype=np.float64)
 
 
 def _nodes_to_points(points: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from survey.reconstruction.gp.engine_choice import (
 from survey.reconstruction.gp.engines.fourier_basis import resolve_for_points
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
 from survey.reconstruction.gp.engines.fourier_weights import MeanSystem
-from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess
+from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.kernels import Kernel, Matern32, SquaredExponential
 

@@ -9,8 +9,9 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.engines.fourier_gp import FourierGaussianProcess
+from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess, Process
-from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess, TiledGaussianProcess
+from survey.reconstruction.gp.engines.tiled_gp import TiledGaussianProcess
 from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.gp.reference import (
     condition,

@@ -6,10 +6,12 @@ import pytest
 from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import fit_process
+from survey.reconstruction.gp.engines.covariance_table import CovarianceTable
+from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
-from survey.reconstruction.gp.engines.tiled_gp import LocalGaussianProcess
 from survey.reconstruction.gp.engines.tiles import SiteTree
-from survey.reconstruction.gp.kernels import Matern32
+from survey.reconstruction.gp.families import Sum
+from survey.reconstruction.gp.kernels import Exponential, Kernel, Matern32, Matern52, Whittle
 
 KERNEL = Matern32(25.0, 60.0)
 SITE = (0.0, 0.0, 100.0, 100.0)
@@ -39,6 +41,36 @@ def test_neighbourhoods_agree_with_the_dense_process() -> None:
     assert local.expected_s(x, y) > 0.0
     with pytest.raises(InputError, match="no joint samples"):
         local.sample_on_axes(x, y, 1, np.random.default_rng(0))
+
+
+def test_nodes_that_are_dense_beside_the_points_lie_on_a_spline_near_the_exact_process() -> None:
+    local = LocalGaussianProcess.fit(*points(), KERNEL, bounds=SITE)
+    x, y = np.linspace(0.0, 100.0, 601), np.linspace(100.0, 0.0, 601)
+    mean, std = local.predict_on_axes(x, y)
+    some = np.s_[3::31, 5::31]
+    exact, variance = local.predict(np.stack(np.meshgrid(x, y), axis=-1)[some].reshape(-1, 2))
+    off = np.abs(mean[some].ravel() - exact) / np.sqrt(variance)
+    # A spline, which is held to 5 % in 24 of the tiles.
+    assert 1e-9 < off.max() < 0.1
+    np.testing.assert_allclose(std[some].ravel(), np.sqrt(variance), rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        Whittle(4.0, 30.0),
+        Sum(Matern52(9.0, 80.0, 1.4, 35.0), Exponential(0.3, 9.0, 1.4, 35.0)),
+        Sum(Matern52(9.0, 80.0, 1.4, 35.0), Exponential(0.3, 9.0)),
+        Matern32(4.0, 0.2),
+    ],
+    ids=["whittle", "anisotropic", "two metrics", "short"],
+)
+def test_a_table_gives_the_covariance_of_every_pair(kernel: Kernel) -> None:
+    xy = points(200)[0]
+    table = CovarianceTable(kernel)
+    exact = kernel.covariance(xy, xy)
+    np.testing.assert_allclose(np.tril(table.among(xy)), np.tril(exact), atol=1e-5 * kernel.variance_m2)
+    np.testing.assert_allclose(table.between(xy, xy[:7]), exact[:, :7], atol=1e-5 * kernel.variance_m2)
 
 
 def test_every_node_lies_in_one_tile() -> None:
