@@ -13,13 +13,14 @@ import numpy.typing as npt
 from affine import Affine
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap, LightSource, Normalize
 from matplotlib.contour import ContourSet
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, zoom
 from shapely import (
     LineString,
     MultiLineString,
@@ -206,6 +207,12 @@ def _mark_ends(axes: Axes, path: FloatArray, colour: str, name: str) -> None:
 
 
 _MOST_CELLS = 1500
+# A mesh of so many cells takes less time than an image of them, which is resampled in floating point, and tens of MB less.
+_MOST_IN_MESH = 400_000
+# Cells of a smooth surface are divided into so many along each side at most.
+_FINEST = 5
+Raster = AxesImage | QuadMesh
+"""A raster that was drawn."""
 _MOST_CONTOURS = 120
 
 
@@ -220,27 +227,47 @@ def decimate(dem: Dem) -> Dem:
     return Dem(dem.elevation[::n, ::n], transform, dem.crs, dem.vertical_datum)
 
 
-def draw_raster(axes: Axes, values: FloatArray, dem: Dem, colours: Colormap, limits: Normalize) -> AxesImage:
+def draw_raster(axes: Axes, values: FloatArray, dem: Dem, colours: Colormap, limits: Normalize) -> Raster:
     """Draw one value for each cell of `dem`."""
-    xmin, ymin, xmax, ymax = dem.bounds
-    bounds = axes.get_xlim(), axes.get_ylim()
-    image = axes.imshow(values, cmap=colours, norm=limits, extent=(xmin, xmax, ymin, ymax), zorder=1)
-    axes.set(xlim=bounds[0], ylim=bounds[1])
-    return image
+    return draw_cells(axes, values, dem, cmap=colours, norm=limits, zorder=1)
 
 
-def draw_smooth(axes: Axes, std: Dem, ground: Polygon | MultiPolygon) -> AxesImage:
+def draw_smooth(axes: Axes, std: Dem, ground: Polygon | MultiPolygon) -> Raster:
     """Draw values at cell centres as a smooth surface, cut to the outline of the ground."""
     unknown = ~np.isfinite(std.elevation)
     nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
     top = max(float(np.nanmax(std.elevation)), 1e-9)
-    image = draw_raster(axes, std.elevation[tuple(nearest)], std, DEVIATION, Normalize(0.0, top))
-    image.set_interpolation("bicubic")
+    smooth = _refined(std.elevation[tuple(nearest)])
+    image = draw_raster(axes, smooth, std, DEVIATION, Normalize(0.0, top))
     image.set_clip_path(PathPatch(outline_path(ground), transform=axes.transData))
     return image
 
 
-def draw_shaded_elevation(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float) -> AxesImage:
+def draw_cells(axes: Axes, values: npt.NDArray[Any], dem: Dem, **style: Any) -> Raster:
+    """Draw values (H, W) by a colour map, or colours (H, W, 4), on the ground of `dem`; the axes keep their limits."""
+    xmin, ymin, xmax, ymax = dem.bounds
+    bounds = axes.get_xlim(), axes.get_ylim()
+    rows, columns = values.shape[:2]
+    image: Raster
+    if rows * columns > _MOST_IN_MESH:
+        image = axes.imshow(values, extent=(xmin, xmax, ymin, ymax), **style)
+    else:
+        x, y = np.linspace(xmin, xmax, columns + 1), np.linspace(ymax, ymin, rows + 1)
+        image = axes.pcolormesh(x, y, values, rasterized=True, **style)
+    axes.set(xlim=bounds[0], ylim=bounds[1])
+    return image
+
+
+def _refined(values: FloatArray) -> FloatArray:
+    """Return the values of cells on finer ones by cubic splines, where few cells would show as squares."""
+    times = min(int(np.sqrt(_MOST_IN_MESH / values.size)), _FINEST)
+    if times < 2:
+        return values
+    refined = zoom(values, times, order=3, mode="nearest", grid_mode=True)
+    return np.clip(refined, values.min(), values.max())
+
+
+def draw_shaded_elevation(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float) -> Raster:
     """Draw elevation in colours under a hillshade."""
     dem = decimate(dem)
     image = draw_raster(axes, dem.elevation, dem, ELEVATION, limits)
@@ -251,11 +278,7 @@ def draw_shaded_elevation(axes: Axes, dem: Dem, limits: Normalize, *, exaggerati
 def draw_relief(axes: Axes, dem: Dem, *, exaggeration: float) -> None:
     """Draw the hillshade alone, to lie over colours."""
     dem = decimate(dem)
-    xmin, ymin, xmax, ymax = dem.bounds
-    axes.imshow(
-        _shade(dem, exaggeration), extent=(xmin, xmax, ymin, ymax), interpolation="bilinear", zorder=1.5
-    )
-    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+    draw_cells(axes, _shade(dem, exaggeration), dem, zorder=1.5)
 
 
 def relief_exaggeration(dem: Dem) -> float:
@@ -267,18 +290,20 @@ def relief_exaggeration(dem: Dem) -> float:
     return float(np.clip(math.tan(math.radians(30.0)) / max(steepness, 1e-6), 1.0, 10.0))
 
 
-def _shade(dem: Dem, exaggeration: float) -> FloatArray:
-    """Black shadows and white highlights (H, W, 4), light from the north-west."""
+def _shade(dem: Dem, exaggeration: float) -> npt.NDArray[np.uint8]:
+    """Return black shadows and white highlights (H, W, 4), light from the north-west."""
     unknown = ~np.isfinite(dem.elevation)
     nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
     filled = dem.elevation[tuple(nearest)]
     light = LightSource(azdeg=315.0, altdeg=45.0)
     shade = light.hillshade(filled, vert_exag=exaggeration, dx=dem.step_m, dy=dem.step_m)
     flat = math.sin(math.radians(45.0))
-    overlay = np.zeros((*dem.shape, 4))
-    overlay[..., :3] = (shade > flat)[..., None]
+    shade = _refined(shade)
     strength = np.where(shade > flat, (shade - flat) / (1.0 - flat) * 0.40, (flat - shade) / flat * 0.50)
-    overlay[..., 3] = np.where(unknown, 0.0, np.clip(strength, 0.0, 0.6))
+    unknown = np.kron(unknown, np.ones(np.array(shade.shape) // dem.shape, dtype=bool))
+    overlay = np.zeros((*shade.shape, 4), dtype=np.uint8)
+    overlay[..., :3] = np.where(shade > flat, 255, 0)[..., None]
+    overlay[..., 3] = np.rint(255.0 * np.where(unknown, 0.0, np.clip(strength, 0.0, 0.6)))
     return overlay
 
 

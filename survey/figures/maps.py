@@ -36,6 +36,7 @@ from survey.figures.layout import (
 from survey.figures.map_layers import (
     decimate,
     draw_area,
+    draw_cells,
     draw_contours,
     draw_raster,
     draw_route,
@@ -457,12 +458,9 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
     limits = symmetric_limits(difference.elevation)
     image = draw_raster(axes, difference.elevation, difference, ERROR, limits)
     mark_signs(axes, np.where(doubtful, 0.0, difference.elevation), difference, limits)
-    veil = np.zeros((*difference.shape, 4))
-    veil[...] = (1.0, 1.0, 1.0, 0.0)
-    veil[..., 3] = np.where(doubtful & np.isfinite(difference.elevation), 0.65, 0.0)
-    xmin, ymin, xmax, ymax = difference.bounds
-    axes.imshow(veil, extent=(xmin, xmax, ymin, ymax), zorder=1.5)
-    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+    veil = np.full((*difference.shape, 4), 255, dtype=np.uint8)
+    veil[..., 3] = np.where(doubtful & np.isfinite(difference.elevation), 166, 0)
+    draw_cells(axes, veil, difference, zorder=1.5)
     for shape in outlines.values():
         axes.add_patch(PathPatch(outline_path(shape), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
     add_colour_bar(image, drawing, "Change of height [m]", extend="both")

@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from shapely import Polygon
 
 from survey.core.arrays import Bounds
@@ -462,7 +462,7 @@ def _view(area: SurveyArea, route: Route) -> Bounds:
     return float(xmin - pad), float(ymin - pad), float(xmax + pad), float(ymax + pad)
 
 
-def _colour_bar(page: Page, axes: Axes, image: AxesImage, label: str) -> None:
+def _colour_bar(page: Page, axes: Axes, image: ScalarMappable, label: str) -> None:
     bar = page.figure.colorbar(image, cax=page.bar_axes(axes))
     bar.set_label(label, fontsize=7.0)
     bar.ax.tick_params(labelsize=6.5)

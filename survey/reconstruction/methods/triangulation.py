@@ -19,6 +19,8 @@ from survey.reconstruction.terrain_model import Capabilities, TerrainModel, loca
 
 _FORMAT = "firnline triangulated terrain 1"
 _NEAR_M = 1.0
+# Places at once, which bounds the memory of their weights.
+_AT_ONCE = 500_000
 # Points whose width is a smaller share of their length lie on one line.
 _NARROWEST = 1e-3
 _NOTE = (
@@ -161,6 +163,12 @@ class Triangles:
 
     def at(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return value and standard deviation (N,) at places; NaN outside the hull."""
+        parts = [self._at(xy[k : k + _AT_ONCE]) for k in range(0, len(xy), _AT_ONCE)]
+        mean, std = zip(*parts, strict=True) if parts else ([xy[:, 0]], [xy[:, 0]])
+        return np.concatenate(mean), np.concatenate(std)
+
+    def _at(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return value and standard deviation (N,) at few places."""
         places = xy - self.centre
         triangle = self.mesh.find_simplex(places)
         inside = triangle >= 0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.collections import PathCollection
 
 from survey import Dem, Grid
 from survey.core.errors import InputError
@@ -25,7 +26,8 @@ def compared(n):
 
 def test_colours_of_residuals_are_symmetric_and_hold_the_largest():
     errors = compared(12)
-    above, below = (c for c in residual_map(errors, TERRAIN).axes[0].collections if c.get_array() is not None)
+    drawn = residual_map(errors, TERRAIN).axes[0].collections
+    above, below = (c for c in drawn if isinstance(c, PathCollection) and c.get_array() is not None)
     shown = np.r_[above.get_array(), below.get_array()]
     assert np.allclose(np.sort(shown), np.sort(errors.errors_m))
     assert (above.get_array().min() >= 0.0, below.get_array().max() < 0.0) == (True, True)

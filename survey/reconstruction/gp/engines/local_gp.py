@@ -2,25 +2,30 @@
 
 A `SiteTree` divides the site into small tiles. Points that are dense beside the length scale screen those farther away
 (Stein 2002), so that a tile needs few. Neighbouring tiles differ a little at their seam, and there is no joint likelihood.
+
+Covariances of pairs of points are looked up in a `CovarianceTable`, a cubic spline between values at even distances: they are
+the same function of one distance for millions of neighbourhoods, and exponentials and Bessel functions cost several times as much.
 """
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numba import njit
+from scipy.interpolate import CubicSpline
 from scipy.linalg import blas, lapack
 from scipy.spatial import cKDTree
 
 from survey.core import Bounds, FloatArray, IntArray, Progress
-from survey.reconstruction.gp.engines.covariance_table import CovarianceTable
 from survey.reconstruction.gp.engines.regression import NoisyValues, TrendName, factorized
 from survey.reconstruction.gp.engines.spline_grid import TOLERANCE, spline_weights
 from survey.reconstruction.gp.engines.tiled_gp import DividedGaussianProcess, trend_of_part
-from survey.reconstruction.gp.engines.tiles import N_NEAREST, SiteTree
-from survey.reconstruction.gp.kernels import Kernel
+from survey.reconstruction.gp.engines.tiles import N_NEAREST
+from survey.reconstruction.gp.families import parts_of
+from survey.reconstruction.gp.kernels import Kernel, Stationary
 
 _N_OWN = 48
 _N_TIMED_TILES = 40
@@ -30,6 +35,207 @@ _PASSES_OVER_POINTS = 1.2
 _BLOCK = 1000
 # Places across a tile between which a spline gives the nodes, the fewest first, and tiles in which they are compared.
 _ACROSS, _N_COMPARED_TILES = (8, 11, 16, 22), 24
+
+
+# A tile is at most this many mean distances of the points wide, however few points it holds.
+_WIDEST = 16.0
+_MOST_LEVELS = 48
+
+
+class _Cut(NamedTuple):
+    """Division of a node: axis, coordinate [m], and the nodes below and above it; -1 for the axis of a tile."""
+
+    axis: int
+    at: float
+    below: int
+    above: int
+
+
+@dataclass(frozen=True)
+class SiteTree:
+    """Tiles of a site.
+
+    `bounds` (K, 4): west, south, east and north of every tile [m]. `cuts` (J, 4): axis, coordinate [m] and
+    the two following nodes of every node; axis -1 for a tile, whose number follows. `site` (xmin, ymin, xmax,
+    ymax): the site [m].
+
+    >>> tree = SiteTree.of(np.array([[1.0, 1.0], [2.0, 1.0], [9.0, 8.0]]), (0.0, 0.0, 10.0, 10.0), 2)
+    >>> len(tree), tree.tile_of(np.array([[1.5, 1.0], [9.0, 9.0]]))
+    (2, array([0, 1]))
+    """
+
+    bounds: FloatArray
+    cuts: FloatArray
+    site: Bounds
+
+    @classmethod
+    def of(cls, xy: FloatArray, site: Bounds, most: int) -> Self:
+        """Halve the longer side of rectangles until none holds more than `most` points or is much too wide."""
+        area = (site[2] - site[0]) * (site[3] - site[1])
+        widest = _WIDEST * float(np.sqrt(area / len(xy)))
+        bounds: list[Bounds] = []
+        cuts: list[_Cut] = []
+        waiting: list[tuple[Bounds, IntArray, int, int]] = [(site, np.arange(len(xy)), -1, 0)]
+        while waiting:
+            rectangle, inside, parent, level = waiting.pop()
+            if parent >= 0:
+                cut = cuts[parent]
+                cuts[parent] = (
+                    cut._replace(below=len(cuts)) if cut.below < 0 else cut._replace(above=len(cuts))
+                )
+            width, height = rectangle[2] - rectangle[0], rectangle[3] - rectangle[1]
+            is_tile = len(inside) <= most and max(width, height) <= max(widest, 1e-9)
+            if is_tile or level == _MOST_LEVELS:
+                cuts.append(_Cut(-1, 0.0, len(bounds), -1))
+                bounds.append(rectangle)
+                continue
+            axis = 0 if width >= height else 1
+            at = 0.5 * (rectangle[axis] + rectangle[axis + 2])
+            cuts.append(_Cut(axis, at, -1, -1))
+            is_below = xy[inside, axis] < at
+            below, above = list(rectangle), list(rectangle)
+            below[axis + 2], above[axis] = at, at
+            here = len(cuts) - 1
+            waiting.append(((above[0], above[1], above[2], above[3]), inside[~is_below], here, level + 1))
+            waiting.append(((below[0], below[1], below[2], below[3]), inside[is_below], here, level + 1))
+        return cls(np.array(bounds), np.array(cuts, dtype=np.float64), site)
+
+    def __len__(self) -> int:
+        return len(self.bounds)
+
+    def centre(self, tile: int) -> FloatArray:
+        """Return the centre (2,) of a tile [m]."""
+        centre: FloatArray = 0.5 * (self.bounds[tile, :2] + self.bounds[tile, 2:])
+        return centre
+
+    def tile_of(self, xy: FloatArray) -> IntArray:
+        """Return the number of the tile (M,) that holds each place; the nearest one for places beyond the site."""
+        node = np.zeros(len(xy), dtype=np.int64)
+        axis, at = self.cuts[:, 0].astype(np.int64), self.cuts[:, 1]
+        below, above = self.cuts[:, 2].astype(np.int64), self.cuts[:, 3].astype(np.int64)
+        inner = np.flatnonzero(axis[node] >= 0)
+        while inner.size:
+            here = node[inner]
+            is_below = xy[inner, axis[here]] < at[here]
+            node[inner] = np.where(is_below, below[here], above[here])
+            inner = inner[axis[node[inner]] >= 0]
+        return below[node]
+
+    def nodes_in(self, tile: int, x: FloatArray, y: FloatArray) -> tuple[slice, slice]:
+        """Return the rows and columns of the nodes in a tile, on axes x (rising) and y (falling) [m]."""
+        west, south, east, north = self.bounds[tile].tolist()
+        columns = _span(x, west, east, is_last=east >= self.site[2])
+        rising = _span(y[::-1], south, north, is_last=north >= self.site[3])
+        return slice(len(y) - rising.stop, len(y) - rising.start), columns
+
+
+def _span(axis: FloatArray, low: float, high: float, *, is_last: bool) -> slice:
+    """Return the part of a rising axis from `low` up to, but without, `high`; with it at the end of the site."""
+    first = int(np.searchsorted(axis, low))
+    return slice(first, len(axis) if is_last else int(np.searchsorted(axis, high)))
+
+
+_N_CELLS = 8192
+# Cells to the shortest length scale. The spline then errs by less than 1e-5 of the variance for Whittle's kernel, whose second
+# derivative is infinite at 0, and by less than 1e-9 for the others.
+_FEWEST_TO_LENGTH = 100
+
+
+@dataclass(frozen=True)
+class CovarianceTable:
+    """Covariances of a kernel, looked up by the distance in the metric that all its parts share.
+
+    Exact ones where they share none, and where distances are so many length scales that a table would be coarse.
+    """
+
+    kernel: Kernel
+
+    def among(self, xy: FloatArray) -> FloatArray:
+        """Return the covariance (N, N) [m²] of places (N, 2) [m] in column order; only its lower triangle is meant."""
+        places = self._stretched(xy)
+        reach_m = _reach_m(places)
+        if not self._is_fine(reach_m):
+            return self.kernel.covariance(xy, xy).T
+        return _look_up_pairs(places, _table(self.kernel, reach_m), _N_CELLS / reach_m).T
+
+    def between(self, xy: FloatArray, others: FloatArray) -> FloatArray:
+        """Return the covariance (N, M) [m²] between places (N, 2) and (M, 2) [m], in column order."""
+        places = self._stretched(np.concatenate([xy, others]))
+        reach_m = _reach_m(places)
+        if not self._is_fine(reach_m):
+            return self.kernel.covariance(others, xy).T
+        n, table = len(xy), _table(self.kernel, reach_m)
+        return _look_up(places[n:], places[:n], table, _N_CELLS / reach_m).T
+
+    def _stretched(self, xy: FloatArray) -> FloatArray:
+        """Return places (N, 2) along the axes of the anisotropy, stretched so that their plain distances count."""
+        if not self._parts or self._parts[0].anisotropy == 1.0:
+            return xy
+        return self._parts[0].stretched(xy)
+
+    def _is_fine(self, reach_m: float) -> bool:
+        """Return whether a table of distances is fine beside the shortest length scale."""
+        shortest_m = min((part.length_scale_m for part in self._parts), default=0.0)
+        return reach_m * _FEWEST_TO_LENGTH <= shortest_m * _N_CELLS
+
+    @cached_property
+    def _parts(self) -> list[Stationary]:
+        """The parts of the kernel where they share one metric, or none."""
+        parts = [part for part in parts_of(self.kernel) if isinstance(part, Stationary)]
+        metrics = {(part.anisotropy, part.anisotropy != 1.0 and part.angle_deg) for part in parts}
+        return parts if len(metrics) == 1 and len(parts) == len(parts_of(self.kernel)) else []
+
+
+def _reach_m(places: FloatArray) -> float:
+    """Return a power of two above every distance between places [m], so that few tables are needed."""
+    diagonal = max(float(np.hypot(*np.ptp(places, axis=0))), 1e-6)
+    return float(2.0 ** (np.floor(np.log2(diagonal)) + 1.0))
+
+
+@lru_cache(maxsize=16)
+def _table(kernel: Kernel, reach_m: float) -> FloatArray:
+    """Return the coefficients (8192, 4) of the covariance within each cell of the distance, from 0 to 1 of the cell."""
+    distance_m = np.linspace(0.0, reach_m, _N_CELLS + 1)
+    values = np.sum(
+        [
+            part.covariance_of_squared(distance_m**2)
+            for part in parts_of(kernel)
+            if isinstance(part, Stationary)
+        ],
+        axis=0,
+    )
+    spline = CubicSpline(np.arange(_N_CELLS + 1.0), values)
+    return np.ascontiguousarray(spline.c[::-1].T)
+
+
+@njit(cache=True)
+def _look_up(a: FloatArray, b: FloatArray, table: FloatArray, cells_per_m: float) -> FloatArray:
+    """Return the covariance (A, B) between places."""
+    covariance = np.empty((len(a), len(b)))
+    for i in range(len(a)):
+        _look_up_row(a[i], b, table, cells_per_m, covariance[i])
+    return covariance
+
+
+@njit(cache=True)
+def _look_up_pairs(a: FloatArray, table: FloatArray, cells_per_m: float) -> FloatArray:
+    """Return the upper triangle of the covariance (A, A) of places."""
+    covariance = np.empty((len(a), len(a)))
+    for i in range(len(a)):
+        _look_up_row(a[i], a[i:], table, cells_per_m, covariance[i, i:])
+    return covariance
+
+
+@njit(cache=True)
+def _look_up_row(
+    place: FloatArray, others: FloatArray, table: FloatArray, cells_per_m: float, row: FloatArray
+) -> None:
+    for j in range(len(others)):
+        east, north = others[j, 0] - place[0], others[j, 1] - place[1]
+        at = np.sqrt(east * east + north * north) * cells_per_m
+        cell = int(at)
+        u = at - cell
+        row[j] = table[cell, 0] + u * (table[cell, 1] + u * (table[cell, 2] + u * table[cell, 3]))
 
 
 class Neighbourhood(NamedTuple):

@@ -67,7 +67,7 @@ class DividedGaussianProcess(Process, Generic[Tile, Places]):
         """Return the tiles that hold places (M, 2), each with its places."""
 
     @abstractmethod
-    def _process_of(self, tile: Tile) -> "TileProcess":
+    def _process_of(self, tile: Tile) -> TileProcess:
         """Return the process of a tile, conditioned on what lies in and around it, without the trend."""
 
     @abstractmethod

@@ -1,11 +1,7 @@
-"""Division of large sites into tiles: a grid of equal tiles with a halo, and a tree of small tiles by their points.
-
-`TileGrid` halves the longer side of the tiles until the waves of one with its halo fit into memory. `SiteTree` halves
-rectangles until none holds more than a few dozen points.
-"""
+"""Division of large sites into equal tiles with a halo, whose waves fit into memory."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -91,101 +87,3 @@ class TileGrid:
         halo, (x, y) = self.halo_m, xy.T
         near: BoolArray = (x >= xmin - halo) & (x <= xmax + halo) & (y >= ymin - halo) & (y <= ymax + halo)
         return near
-
-
-# A tile is at most this many mean distances of the points wide, however few points it holds.
-_WIDEST = 16.0
-_MOST_LEVELS = 48
-
-
-class _Cut(NamedTuple):
-    """Division of a node: axis, coordinate [m], and the nodes below and above it; -1 for the axis of a tile."""
-
-    axis: int
-    at: float
-    below: int
-    above: int
-
-
-@dataclass(frozen=True)
-class SiteTree:
-    """Tiles of a site.
-
-    `bounds` (K, 4): west, south, east and north of every tile [m]. `cuts` (J, 4): axis, coordinate [m] and
-    the two following nodes of every node; axis -1 for a tile, whose number follows. `site` (xmin, ymin, xmax,
-    ymax): the site [m].
-
-    >>> tree = SiteTree.of(np.array([[1.0, 1.0], [2.0, 1.0], [9.0, 8.0]]), (0.0, 0.0, 10.0, 10.0), 2)
-    >>> len(tree), tree.tile_of(np.array([[1.5, 1.0], [9.0, 9.0]]))
-    (2, array([0, 1]))
-    """
-
-    bounds: FloatArray
-    cuts: FloatArray
-    site: Bounds
-
-    @classmethod
-    def of(cls, xy: FloatArray, site: Bounds, most: int) -> Self:
-        """Halve the longer side of rectangles until none holds more than `most` points or is much too wide."""
-        area = (site[2] - site[0]) * (site[3] - site[1])
-        widest = _WIDEST * float(np.sqrt(area / len(xy)))
-        bounds: list[Bounds] = []
-        cuts: list[_Cut] = []
-        waiting: list[tuple[Bounds, IntArray, int, int]] = [(site, np.arange(len(xy)), -1, 0)]
-        while waiting:
-            rectangle, inside, parent, level = waiting.pop()
-            if parent >= 0:
-                cut = cuts[parent]
-                cuts[parent] = (
-                    cut._replace(below=len(cuts)) if cut.below < 0 else cut._replace(above=len(cuts))
-                )
-            width, height = rectangle[2] - rectangle[0], rectangle[3] - rectangle[1]
-            is_tile = len(inside) <= most and max(width, height) <= max(widest, 1e-9)
-            if is_tile or level == _MOST_LEVELS:
-                cuts.append(_Cut(-1, 0.0, len(bounds), -1))
-                bounds.append(rectangle)
-                continue
-            axis = 0 if width >= height else 1
-            at = 0.5 * (rectangle[axis] + rectangle[axis + 2])
-            cuts.append(_Cut(axis, at, -1, -1))
-            is_below = xy[inside, axis] < at
-            below, above = list(rectangle), list(rectangle)
-            below[axis + 2], above[axis] = at, at
-            here = len(cuts) - 1
-            waiting.append(((above[0], above[1], above[2], above[3]), inside[~is_below], here, level + 1))
-            waiting.append(((below[0], below[1], below[2], below[3]), inside[is_below], here, level + 1))
-        return cls(np.array(bounds), np.array(cuts, dtype=np.float64), site)
-
-    def __len__(self) -> int:
-        return len(self.bounds)
-
-    def centre(self, tile: int) -> FloatArray:
-        """Return the centre (2,) of a tile [m]."""
-        centre: FloatArray = 0.5 * (self.bounds[tile, :2] + self.bounds[tile, 2:])
-        return centre
-
-    def tile_of(self, xy: FloatArray) -> IntArray:
-        """Return the number of the tile (M,) that holds each place; the nearest one for places beyond the site."""
-        node = np.zeros(len(xy), dtype=np.int64)
-        axis, at = self.cuts[:, 0].astype(np.int64), self.cuts[:, 1]
-        below, above = self.cuts[:, 2].astype(np.int64), self.cuts[:, 3].astype(np.int64)
-        inner = np.flatnonzero(axis[node] >= 0)
-        while inner.size:
-            here = node[inner]
-            is_below = xy[inner, axis[here]] < at[here]
-            node[inner] = np.where(is_below, below[here], above[here])
-            inner = inner[axis[node[inner]] >= 0]
-        return below[node]
-
-    def nodes_in(self, tile: int, x: FloatArray, y: FloatArray) -> tuple[slice, slice]:
-        """Return the rows and columns of the nodes in a tile, on axes x (rising) and y (falling) [m]."""
-        west, south, east, north = self.bounds[tile].tolist()
-        columns = _span(x, west, east, is_last=east >= self.site[2])
-        rising = _span(y[::-1], south, north, is_last=north >= self.site[3])
-        return slice(len(y) - rising.stop, len(y) - rising.start), columns
-
-
-def _span(axis: FloatArray, low: float, high: float, *, is_last: bool) -> slice:
-    """Return the part of a rising axis from `low` up to, but without, `high`; with it at the end of the site."""
-    first = int(np.searchsorted(axis, low))
-    return slice(first, len(axis) if is_last else int(np.searchsorted(axis, high)))

@@ -6,10 +6,8 @@ import pytest
 from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engine_choice import fit_process
-from survey.reconstruction.gp.engines.covariance_table import CovarianceTable
-from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
+from survey.reconstruction.gp.engines.local_gp import CovarianceTable, LocalGaussianProcess, SiteTree
 from survey.reconstruction.gp.engines.regression import DenseGaussianProcess
-from survey.reconstruction.gp.engines.tiles import SiteTree
 from survey.reconstruction.gp.families import Sum
 from survey.reconstruction.gp.kernels import Exponential, Kernel, Matern32, Matern52, Whittle
 
