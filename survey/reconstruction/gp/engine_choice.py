@@ -4,8 +4,9 @@ r"""Choice of the Gaussian-process engine by what each engine would need, and co
 
 1. the dense engine for few points, where its cubic work is small (or where it is stated);
 2. one solve in Fourier waves, where the covariance of enough waves fits the memory and their mean can converge;
-3. tiles in Fourier waves, where those of one tile with its halo do;
-4. neighbourhoods, which need the same small memory for every site.
+3. tiles in Fourier waves, where those of one tile with its halo do, for smooth covariances;
+4. neighbourhoods, which need the same small memory for every site: for Matérn's class, under which near points screen
+   those farther away (Stein 2002), and for all others that fit nowhere else.
 
 The mean takes more waves than the covariance holds, by conjugate gradients which the covariance preconditions
 (`MeanSystem`). On the waves beyond it the fit_process number is about
@@ -39,7 +40,8 @@ from survey.reconstruction.gp.engines.regression import (
     dense_mb,
 )
 from survey.reconstruction.gp.engines.tiles import N_NEAREST, TileGrid
-from survey.reconstruction.gp.kernels import Kernel
+from survey.reconstruction.gp.families import parts_of
+from survey.reconstruction.gp.kernels import Kernel, Matern
 
 EngineName = Literal["gp", "dense"]
 """The fast engine, which depends on the size of the task, or the dense one."""
@@ -147,7 +149,9 @@ def choose_engine(
 
 
 def choose_divided(task: EngineTask, reason: str) -> EngineChoice:
-    """Choose tiles, or neighbourhoods where no tile fits or the one with the most points cannot converge."""
+    """Choose tiles, or neighbourhoods where no tile fits, the one with the most points cannot converge, or near points screen others."""
+    if all(isinstance(part, Matern) for part in parts_of(task.kernel)):
+        return choose_local(task, f"{reason}, and near points screen those farther away")
     tiles = TileGrid.largest_within(task.kernel, task.site, task.sharpest_m, **task.limits)
     if tiles is None:
         return choose_local(task, f"{reason}, and no tile fits the memory")

@@ -445,7 +445,7 @@ class SquaredExponential(Stationary):
 
 
 @dataclass(frozen=True)
-class _Matern(Stationary):
+class Matern(Stationary):
     """Matérn covariance of a half-integer smoothness ν."""
 
     @property
@@ -463,7 +463,7 @@ class _Matern(Stationary):
 
 
 @dataclass(frozen=True)
-class Matern32(_Matern):
+class Matern32(Matern):
     r"""Matérn covariance with ν = 3/2: fields with one derivative, like rough ice.
 
     .. math::  k(h) = v (1 + \sqrt3 s) \exp(-\sqrt3 s), \qquad
@@ -491,7 +491,7 @@ class Matern32(_Matern):
 
 
 @dataclass(frozen=True)
-class Matern52(_Matern):
+class Matern52(Matern):
     r"""Matérn covariance with ν = 5/2: fields with two derivatives.
 
     .. math::  k(h) = v (1 + \sqrt5 s + 5 s^2 / 3) \exp(-\sqrt5 s), \qquad
@@ -519,7 +519,7 @@ class Matern52(_Matern):
 
 
 @dataclass(frozen=True)
-class Whittle(_Matern):
+class Whittle(Matern):
     r"""Matérn covariance with ν = 1, the elementary one of the plane (Whittle 1954): between smooth and jagged.
 
     .. math::  k(h) = v \, \sqrt2 s \, K_1(\sqrt2 s), \qquad S(\omega) = 8 \pi v \, l_a l_b \, (2 + q^2)^{-2}
@@ -549,7 +549,7 @@ class Whittle(_Matern):
 
 
 @dataclass(frozen=True)
-class Exponential(_Matern):
+class Exponential(Matern):
     r"""Matérn covariance with ν = 1/2: fields without a derivative, like blocks and broken ice.
 
     .. math::  k(h) = v \exp(-s), \qquad S(\omega) = 2 \pi v \, l_a l_b (1 + q^2)^{-3/2}
