@@ -221,11 +221,11 @@ def _serve(open_source: Callable[[], Opened], port: int, *, opens_browser: bool,
         images_from = app.opened.result().images_from
     listener = _listener(port)
     gate = Gate(app, listener.getsockname()[1], images_from=images_from)
-    typer.echo(f"firnline desk  {gate.address}")
-    if opens_browser:
-        webbrowser.open(gate.address)
     server = uvicorn.Server(server_config(gate))
     with _running(server, listener) as serving:
+        typer.echo(f"firnline desk  {gate.address}")
+        if opens_browser:
+            webbrowser.open(gate.address)
         if opens_surely:
             try:
                 app.opened.set_result(open_source())

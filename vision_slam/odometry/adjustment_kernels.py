@@ -208,7 +208,15 @@ def add_scores(  # noqa: PLR0917
     for j in range(len(first) - 1):
         solved = inverse[j] @ g_own[j]
         for p in range(3):
-            drawn[n_lens + p] += sign[j] * (g_of_lens[j, p] - lens_point[j, p] @ solved)
+            _add_signed(g_of_lens[j, p] - lens_point[j, p] @ solved, sign[j], drawn[n_lens + p])
         for n in range(first[j], first[j + 1]):
             for p in range(6):
-                drawn[6 * keyframe[n] + p] += sign[j] * (g_of_pose[n, p] - pose_point[n, p] @ solved)
+                value = g_of_pose[n, p] - pose_point[n, p] @ solved
+                _add_signed(value, sign[j], drawn[6 * keyframe[n] + p])
+
+
+@njit(cache=True)
+def _add_signed(value: float, sign: FloatArray, row: FloatArray) -> None:
+    """Add a value times its signs (S,) to a row (S,)."""
+    for s in range(len(row)):
+        row[s] += sign[s] * value

@@ -106,6 +106,14 @@ def product(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
+def _put(matrix: FloatArray, target: FloatArray) -> None:
+    """Write a matrix (3, 3) to another. For an assignment numba compiles the text of its refusal, which takes 3 s."""
+    for a in range(3):
+        for b in range(3):
+            target[a, b] = matrix[a, b]
+
+
+@njit(cache=True)
 def log_rotation(rotation: FloatArray) -> tuple[float, float, float]:
     """Return the vector [rad] of a rotation (3, 3) by less than half a circle."""
     x = 0.5 * (rotation[2, 1] - rotation[1, 2])
@@ -455,7 +463,7 @@ def _step(
     reduced, pull = of_poses.copy(), right.copy()
     inverse, gain = np.empty_like(inner), np.empty((6, 3))
     for j in range(len(inner)):
-        inverse[j] = _inverse(inner[j], damping)
+        _put(_inverse(inner[j], damping), inverse[j])
         for i in range(sights.start[j], sights.start[j + 1]):
             at = 6 * (sights.frame[i] - n_held)
             if at < 0:
@@ -550,7 +558,8 @@ def _moved_poses(poses: WindowPoses, step: FloatArray) -> WindowPoses:
     rotation, place = poses.rotation.copy(), poses.place.copy()
     for k in range(poses.n_held, len(place)):
         at = 6 * (k - poses.n_held)
-        rotation[k] = product(exp_rotation(step[at], step[at + 1], step[at + 2]), rotation[k])
+        turned = product(exp_rotation(step[at], step[at + 1], step[at + 2]), rotation[k])
+        _put(turned, rotation[k])
         for a in range(3):
             place[k, a] += step[at + 3 + a]
     return WindowPoses(rotation, place, poses.n_held)

@@ -71,6 +71,18 @@ def test_after_an_interrupt_that_a_callback_swallows_the_desk_loads_nothing(work
     assert "desk-loading" not in [thread.name for thread in enumerate_threads()]
 
 
+@pytest.mark.timeout(60)
+def test_an_interrupt_that_a_callback_swallows_as_the_address_appears_ends_the_desk(workspace, monkeypatch):
+    def browse(_: str) -> None:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    opened = Opened(workspace, desk_app(workspace), lambda _: None)
+    _serve(lambda: opened, 0, opens_browser=True, opens_surely=True)
+    assert "desk-server" not in [thread.name for thread in enumerate_threads()]
+
+
 def test_a_real_server_is_not_reached_from_elsewhere(running):
     _, address = running
     port = int(re.search(r":(\d+)/", address)[1])
