@@ -23,7 +23,7 @@ N_POINTS, SIDE_M, STEP_M, CELL_M = 1_000_000, 5000.0, 1.0, 5.0
 SIGMA_M = 0.1
 CRS = "EPSG:32608"
 RESULT = TABLES / "large_reconstruction.json"
-# Rough and smooth ground: one needs neighbourhoods, the other waves in tiles.
+# Rough and smooth ground.
 FAMILIES = ("matern-3/2", "squared-exponential")
 
 

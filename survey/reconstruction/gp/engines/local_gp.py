@@ -34,7 +34,7 @@ _PASSES_OVER_POINTS = 1.2
 # Places at once, which bounds the memory of their covariance with the points of a tile.
 _BLOCK = 1000
 # Places across a tile between which a spline gives the nodes, the fewest first, and tiles in which they are compared.
-_ACROSS, _N_COMPARED_TILES = (8, 11, 16, 22), 24
+_ACROSS, _N_COMPARED_TILES = (8, 10, 12, 14, 16, 18, 20, 22), 24
 
 
 # A tile is at most this many mean distances of the points wide, however few points it holds.
