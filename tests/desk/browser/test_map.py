@@ -66,6 +66,16 @@ def test_the_time_drives_the_rover_by_keyboard(opened):
     assert "kWh used" in after
 
 
+def test_the_time_stays_where_it_is_when_the_plan_changes(opened):
+    open_drive(opened)
+    opened.page.focus("#time")
+    opened.page.keyboard.press("End")
+    before = opened.page.inner_text("#drive-text")
+    opened.fill("planner-swaths", "6")
+    opened.wait_for(lambda: opened.page.inner_text("#drive-text") != before, "drive of the changed plan")
+    assert float(opened.page.inner_text("#drive-text").split("·")[1].split()[0]) > 2.0
+
+
 def test_the_profile_of_a_swath_is_dragged(opened):
     open_drive(opened)
     opened.page.select_option("#drive-part", label="Swath 2")

@@ -9,7 +9,7 @@ KERNEL = Recipe(
         "survey/reconstruction/gp/kernels.py": (
             (
                 "@dataclass(frozen=True)\nclass Whittle",
-                '@dataclass(frozen=True)\nclass Matern72(_Matern):\n    """Matérn covariance with ν = 7/2."""\n\n'
+                '@dataclass(frozen=True)\nclass Matern72(Matern):\n    """Matérn covariance with ν = 7/2."""\n\n'
                 '    family: ClassVar = "matern-7/2"\n    error_growth: ClassVar = 7.0\n\n'
                 '    @property\n    def smoothness(self) -> float:\n        """The smoothness ν."""\n        return 3.5\n\n'
                 "    def _correlation(self, s2: FloatArray) -> FloatArray:\n        s = np.sqrt(7 * s2)\n"

@@ -36,6 +36,7 @@ export class Drive {
     byId("stage").classList.toggle("with-drive", isOpen);
     this.player.stop();
     this.source.clear();
+    this.slider.value = "0";
     if (isOpen) await this.refresh();
   }
 
@@ -46,8 +47,7 @@ export class Drive {
     const chosen = Math.min(Math.max(this.choice.selectedIndex, 0), this.parts.length - 1);
     this.choice.replaceChildren(...this.rovers.flatMap((one, rover) => this.#options(one, rover)));
     this.choice.selectedIndex = chosen;
-    this.timeS = 0;
-    this.#show();
+    this.#show(Number(this.slider.value) / STEPS);
   }
 
   /** @param {RoverDrive} one @param {number} rover */
@@ -69,13 +69,14 @@ export class Drive {
     return begin + share * (end - begin);
   }
 
-  #show() {
+  /** @param {number} share Of the time of the part. */
+  #show(share = 0) {
     if (!this.parts.length) {
       this.picture.replaceChildren(element("p", { class: "note", text: "There is no route yet." }));
       return;
     }
     this.#draw();
-    this.#at(this.#timeOf(0));
+    this.#at(this.#timeOf(share));
   }
 
   #draw() {
