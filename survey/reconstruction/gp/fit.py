@@ -58,7 +58,7 @@ from survey.reconstruction.terrain_map import CHECK, ELEVATION, UNSEEN, support_
 
 # Shares of the points that are left out: in all discs, at most in one of the widest, and one by one.
 _SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
-# More points in discs, and one by one, would determine the factors no better.
+# Most points in discs, and one by one: bounds the time on large sites.
 _MOST_IN_DISCS, _MOST_SINGLE = 9000, 3000
 # Without enough points to say otherwise the scale is 1, give or take 30 %.
 _PRIOR_LOG_SD = 0.3

@@ -233,7 +233,7 @@ def _look_up_row(
     for j in range(len(others)):
         east, north = others[j, 0] - place[0], others[j, 1] - place[1]
         at = np.sqrt(east * east + north * north) * cells_per_m
-        cell = int(at)
+        cell = min(int(at), len(table) - 1)
         u = at - cell
         row[j] = table[cell, 0] + u * (table[cell, 1] + u * (table[cell, 2] + u * table[cell, 3]))
 
@@ -347,7 +347,8 @@ class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
         between = time.perf_counter()
         for tile, _ in some:
             rows, columns = self.tree.nodes_in(tile, x, y)
-            _on_axes(self._process_of(tile), x[columns], y[rows], n_across)
+            if rows.start < rows.stop and columns.start < columns.stop:
+                _on_axes(self._process_of(tile), x[columns], y[rows], n_across)
         ended = time.perf_counter()
         over_points, over_nodes = (between - began) / len(some), (ended - between) / len(some)
         return len(groups) * _PASSES_OVER_POINTS * over_points + len(self.tree) * over_nodes
@@ -418,9 +419,11 @@ def _on_axes(
         spline_weights(len(axis), -(-(len(axis) - 1) * (n_across - 1) // (longest - 1)) + 1)
         for axis in (x, y)
     )
-    places = np.stack(
-        np.meshgrid(*(np.linspace(a[0], a[-1], w.shape[1]) for a, w in ((x, of_x), (y, of_y)))), axis=-1
+    axes = (
+        axis if of.shape[1] == len(axis) else np.linspace(axis[0], axis[-1], of.shape[1])
+        for axis, of in ((x, of_x), (y, of_y))
     )
+    places = np.stack(np.meshgrid(*axes), axis=-1)
     mean, variance = part.predict(places.reshape(-1, 2))
     std = np.sqrt(variance)
     mean, std = (of_y @ values.reshape(places.shape[:2]) @ of_x.T for values in (mean, std))

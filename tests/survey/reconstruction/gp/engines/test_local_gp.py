@@ -53,6 +53,15 @@ def test_nodes_that_are_dense_beside_the_points_lie_on_a_spline_near_the_exact_p
     np.testing.assert_allclose(std[some].ravel(), np.sqrt(variance), rtol=0.1)
 
 
+def test_tiles_without_a_node_and_uneven_axes_are_mapped() -> None:
+    local = LocalGaussianProcess.fit(*points(), KERNEL, bounds=SITE)
+    x, y = np.array([3.0, 40.0, 44.0, 97.0]), np.array([80.0, 11.0])
+    assert local.expected_s(x, y) > 0.0
+    mean, _ = local.predict_on_axes(x, y)
+    exact, _ = local.predict(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    np.testing.assert_allclose(mean.ravel(), exact, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "kernel",
     [
