@@ -61,14 +61,14 @@ def _demos(folder: Path, earlier: Code | None) -> Iterator[Row]:
 
 def _suites(folder: Path, earlier: Code | None) -> Iterator[Row]:
     """Yield the CPU time of the test suite, and of that of an earlier checkout."""
-    spent, code = _measured(TODAY, SUITE, ROOT, folder / "suite")
+    spent, code = _measured((sys.executable, *SUITE), ROOT, ROOT, folder / "suite")
     yield Row.of("test suite, first run", spent, "s", "<=", SUITE_S)
     yield Row.of("test suite, exit code", code, "1", "<=", 0.0)
-    long_s, code = _measured(TODAY, LONG, ROOT, folder / "suite")
+    long_s, code = _measured((sys.executable, *LONG), ROOT, ROOT, folder / "suite")
     yield Row("long tests, after the suite", long_s, "s")
     yield Row.of("long tests, exit code", code, "1", "<=", 0.0)
     if earlier is not None:
-        before, _ = _measured(earlier, SUITE, earlier.root, folder / "earlier-suite")
+        before, _ = _measured((str(earlier.python), *SUITE), earlier.root, earlier.root, folder / "earlier-suite")
         yield from _ratio("test suite", spent, before)
         yield Row("test suite and long tests over the test suite of e7dc4dd", (spent + long_s) / before, "x")
 
@@ -82,17 +82,18 @@ def _ratio(what: str, today_s: float, before_s: float) -> Iterator[Row]:
 def _demo_s(code: Code, demo: str, runs: Path, loops: Path) -> float:
     """Return the CPU time of a demo with its report [s]."""
     runs.mkdir(exist_ok=True)
-    command = ("-m", "firnline.cli.main", "run", str(code.root / "examples" / demo), "--quiet")
-    spent, exit_code = _measured(code, command, runs, loops)
+    # The installed command: its module has moved since the earlier checkout.
+    command = (str(code.python.parent / "firnline"), "run", str(code.root / "examples" / demo), "--quiet")
+    spent, exit_code = _measured(command, code.root, runs, loops)
     if exit_code:
         raise SystemExit(f"the demo {demo} ended with exit code {exit_code}; run it alone to see why.")
     return spent
 
 
-def _measured(code: Code, words: Sequence[str], folder: Path, loops: Path) -> tuple[float, int]:
-    """Return the CPU time in user mode of a Python command and all its processes [s], and its exit code."""
+def _measured(command: Sequence[str], root: Path, folder: Path, loops: Path) -> tuple[float, int]:
+    """Return the CPU time in user mode of a command of a checkout and all its processes [s], and its exit code."""
     settings = {
-        "PYTHONPATH": str(code.root),
+        "PYTHONPATH": str(root),
         "NUMBA_CACHE_DIR": str(loops),
         "MPLBACKEND": "Agg",
         "OPENBLAS_NUM_THREADS": "1",
@@ -101,9 +102,7 @@ def _measured(code: Code, words: Sequence[str], folder: Path, loops: Path) -> tu
     inherited = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     # The output goes to stderr, where failed tests are named.
-    done = subprocess.run(
-        [str(code.python), *words], cwd=folder, env=inherited | settings, check=False, stdout=sys.stderr
-    )
+    done = subprocess.run(command, cwd=folder, env=inherited | settings, check=False, stdout=sys.stderr)
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before, done.returncode
 
 
