@@ -68,7 +68,9 @@ def _suites(folder: Path, earlier: Code | None) -> Iterator[Row]:
     yield Row("long tests, after the suite", long_s, "s")
     yield Row.of("long tests, exit code", code, "1", "<=", 0.0)
     if earlier is not None:
-        before, _ = _measured((str(earlier.python), *SUITE), earlier.root, earlier.root, folder / "earlier-suite")
+        before, _ = _measured(
+            (str(earlier.python), *SUITE), earlier.root, earlier.root, folder / "earlier-suite"
+        )
         yield from _ratio("test suite", spent, before)
         yield Row("test suite and long tests over the test suite of e7dc4dd", (spent + long_s) / before, "x")
 
